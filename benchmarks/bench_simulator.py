@@ -23,7 +23,8 @@ import cv2
 
 from trocar.cell import Cell
 from trocar.eval.config import RunConfig
-from trocar.eval.run import prepare, run_trial
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
 from trocar.robots import Compensated, Guarded
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.record import ContactMonitor, Recorder

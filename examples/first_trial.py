@@ -6,7 +6,8 @@ from pathlib import Path
 from trocar.eval import TASKS
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import load_trials, open_folder
-from trocar.eval.run import prepare, run_trial
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
 from trocar.eval.trial import trial_file
 from trocar.report.files import write_report
 

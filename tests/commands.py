@@ -1,11 +1,14 @@
+import gc
 import sys
+import weakref
 
 import pytest
 
 from synthetic import synthetic_trial
 from trocar.cli import main
-from trocar.eval import run as trials_run
-from trocar.eval.run import Prepared
+from trocar.eval import jobs
+from trocar.eval.prepare import Prepared
+from trocar.eval.trial import Trial
 from trocar.report import files
 
 
@@ -47,6 +50,22 @@ def played(monkeypatch, unpictured):
         (folder / f"session_{number:02d}").mkdir(exist_ok=True)
         return Prepared(number, None, {})
 
-    monkeypatch.setattr(trials_run, "prepare", prepare)
-    monkeypatch.setattr(trials_run, "run_trial", run_trial)
+    monkeypatch.setattr(jobs, "prepare", prepare)
+    monkeypatch.setattr(jobs, "run_trial", run_trial)
     return done
+
+
+@pytest.fixture
+def alive(monkeypatch):
+    """Return the numbers of loaded trials that were still in memory whenever another one was loaded."""
+    read, counts, load = [], [], Trial.load
+
+    def watched(path):
+        gc.collect()
+        counts.append(sum(one() is not None for one in read))
+        trial = load(path)
+        read.append(weakref.ref(trial))
+        return trial
+
+    monkeypatch.setattr(Trial, "load", watched)
+    return counts

@@ -73,4 +73,16 @@ def recordings() -> Path:
     return folder
 
 
+@pytest.fixture
+def registries(monkeypatch):
+    """Let a test register what it likes, by plugins too: afterwards everything is as it was."""
+    from trocar.calibration.models import MODELS
+    from trocar.eval import METHODS, PERCEPTIONS, TASKS
+    from trocar.motion import PLANNERS
+
+    for registry in (METHODS, PERCEPTIONS, TASKS, PLANNERS, MODELS):
+        monkeypatch.setattr(registry, "_known", dict(registry._known))
+    monkeypatch.setattr("trocar.registry._LOADED", {})
+
+
 pytest_plugins = ["commands"]

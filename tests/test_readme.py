@@ -1,4 +1,6 @@
+import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,42 @@ def test_every_command_and_option_that_a_page_names_exists(page):
         assert text.exit_code == 0, line
         for option in (word.split("=")[0] for word in words if word.startswith("--") and word != "--help"):
             assert option in text.output, line
+
+
+PARSED = """
+import json, shlex, sys
+from trocar.cli import main
+from trocar.cli.group import Command
+Command.invoke = lambda self, ctx: None
+for line in json.loads(sys.argv[1]):
+    sys.argv = ["trocar", *shlex.split(line.partition(" > ")[0].removesuffix("&"), comments=True)]
+    try:
+        main()
+    except SystemExit as end:
+        if end.code:
+            print("refused:", line)
+"""
+BLOCK = re.compile(r"```[a-z]*\n(.*?)```", re.DOTALL)
+COMMAND_LINE = re.compile(r"^(?:\.venv/bin/)?trocar (.+)$", re.MULTILINE)
+
+
+def test_every_line_of_a_code_block_is_parsed():
+    """Options exist and values are of their type, as when it is typed in a clone; nothing is run."""
+    blocks = [block for page in PAGES for block in BLOCK.findall(page.read_text())]
+    lines = [line for block in blocks for line in COMMAND_LINE.findall(block)]
+    assert len(lines) > 60
+    result = python(["-c", PARSED, json.dumps(lines)], ROOT)
+    assert result.returncode == 0 and "refused" not in result.stdout, f"{result.stdout}\n{result.stderr}"
+
+
+@pytest.mark.parametrize("page", ["motion.md", "own_task.md"])
+def test_the_waypoints_that_a_page_writes_are_planned_as_it_says(page, tmp_path):
+    text = (ROOT / "docs" / page).read_text().replace("examples/", f"{ROOT / 'examples'}/")
+    write, plan = re.search(r"^(python -c .+)\ntrocar (plan transfer .+)$", text, re.MULTILINE).groups()
+    assert python(shlex.split(write)[1:], tmp_path).returncode == 0
+    result = python(["-c", "from trocar.cli import main; main()", *shlex.split(plan), "--json"], tmp_path)
+    (motion,) = json.loads(result.stdout)["motions"]
+    assert motion["found"] and motion["vertical_deviation_m"] < 2e-3, result.stderr
 
 
 def path_of(words):

@@ -12,12 +12,7 @@ PAPER = MOTION_LIMITS["paper"]
 
 def transfer_waypoints():
     """Grasp, lifted, over the target, lowered: tips as on the board, turned a little on the way."""
-    places_m = [
-        [0.140, -0.020, -0.155],
-        [0.140, -0.020, -0.115],
-        [0.100, 0.020, -0.115],
-        [0.100, 0.020, -0.145],
-    ]
+    places_m = [[0.140, -0.020, -0.155], [0.140, -0.020, -0.115], [0.100, 0.020, -0.115], [0.100, 0.020, -0.145]]
     turns = SO3.axis("z", [0.5, 0.5, -0.2, -0.2])
     return ik(PSM, SE3.from_parts(turns, places_m))
 

@@ -28,8 +28,8 @@ HANG_S = 10.0
 """Of the processor's time, not of the clock: other programs run too."""
 
 WORK = (
-    "trocar.eval.run.prepare",
-    "trocar.eval.run.run_trial",
+    "trocar.eval.jobs.prepare",
+    "trocar.eval.jobs.run_trial",
     "trocar.eval.workers.run_all",
     "trocar.eval.jobs.run_all",
     "trocar.collect.chain.calibrate",

@@ -14,6 +14,7 @@ from typer.main import get_command
 from fuzzing.files import altered, good_files
 from fuzzing.values import KNOWN, typed, typed_numbers, typed_words
 from trocar.cli import app
+from trocar.cli.group import Deferred
 from trocar.lab import built_in_stations
 
 STATIONS = tuple(f"{name}.toml" for name in built_in_stations())
@@ -67,6 +68,7 @@ def commands() -> Iterator[tuple[tuple[str, ...], Any]]:
     waiting: list[tuple[tuple[str, ...], Any]] = [((), get_command(app))]
     while waiting:
         words, command = waiting.pop()
+        command = command.load() if isinstance(command, Deferred) else command
         if not hasattr(command, "list_commands"):
             yield words, command
             continue

@@ -1,14 +1,29 @@
-"""Numbers of things in sentences."""
+"""Numbers of things, in sentences and as progress."""
 
 from __future__ import annotations
 
+from typing import Protocol
+
 
 def counted(number: int, thing: str, things: str = "") -> str:
-    """Return a number with its noun: ``1 trial``, ``2 trials``.
-
-    Args:
-        number: how many.
-        thing: the singular.
-        things: the plural, unless it is formed with an s.
-    """
+    """Return a number with its noun: ``1 trial``, ``2 trials``; ``things`` is the plural if not formed with an s."""
     return f"{number} {thing if number == 1 else things or thing + 's'}"
+
+
+class Tick(Protocol):
+    """Reports how far a piece of work has come."""
+
+    def __call__(self, work: str, done: int, total: int | None, now: str = "") -> None:
+        """Show it.
+
+        Args:
+            work: its name, plural for a number of things; another name gets another bar.
+            done: how much of it is done.
+            total: how much there is; None: unknown.
+            now: what is being done at the moment.
+        """
+        ...
+
+
+def untold(work: str, done: int, total: int | None, now: str = "") -> None:
+    """Show nothing."""

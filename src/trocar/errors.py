@@ -72,11 +72,7 @@ class InvalidInput(TrocarError):
 
 
 class InvalidValue(InvalidInput):
-    """One value is outside of what is allowed.
-
-    Attributes:
-        value: that was given.
-    """
+    """One ``value``, as it was given, is outside of what is allowed."""
 
     def __init__(self, item: str, value: object, remedy: str):
         self.value = value
@@ -100,11 +96,7 @@ class UnknownName(InvalidInput):
 
 
 class BadFile(InvalidInput):
-    """A file or folder cannot be used.
-
-    Attributes:
-        path: of the file.
-    """
+    """A file or folder, of this ``path``, cannot be used."""
 
     def __init__(self, path: str | Path, problem: str, remedy: str = "", *, kind: str = ""):
         self.path = Path(path)
@@ -112,11 +104,7 @@ class BadFile(InvalidInput):
 
 
 class NotInstalled(InvalidInput):
-    """An optional dependency is missing.
-
-    Attributes:
-        extra: of the package, which installs it.
-    """
+    """An optional dependency is missing, which an ``extra`` of the package installs."""
 
     def __init__(self, item: str, needs: str, extra: str):
         self.extra = extra
@@ -124,49 +112,45 @@ class NotInstalled(InvalidInput):
 
 
 class MotionRefused(TrocarError):
-    """A motion that cannot be planned, or that a robot does not start or go on with."""
+    """A motion that cannot be planned, or that a robot does not start or go on with.
+
+    Attributes:
+        arm: name of the arm or its model; empty if the caller knows it, or if no arm alone is to blame.
+    """
+
+    def __init__(self, sentence: str, *, arm: str = ""):
+        self.arm = arm
+        super().__init__(sentence)
 
 
 class OutOfReach(MotionRefused):
     """A pose or a command that is outside of a joint's range.
 
     Attributes:
-        arm: name of the arm or its model; empty if the caller knows it.
         joint: name of the joint; empty if no joint alone is to blame.
         by: how far outside, rad, or m for a prismatic joint; NaN if unknown.
     """
 
     def __init__(self, sentence: str, *, arm: str = "", joint: str = "", by: float = float("nan")):
-        self.arm, self.joint, self.by = arm, joint, by
-        super().__init__(sentence)
+        self.joint, self.by = joint, by
+        super().__init__(sentence, arm=arm)
 
 
 class OutsideWorkspace(MotionRefused):
-    """A motion takes a tip out of the box that it may not leave.
-
-    Attributes:
-        arm: name of the arm.
-        place: where, in words.
-    """
+    """A motion takes a tip out of the box that it may not leave, to a ``place`` in words."""
 
     def __init__(self, arm: str, place: str, bounds: str):
-        self.arm, self.place = arm, place
-        super().__init__(
-            f"the motion of arm {arm!r} takes its tip to {place}, outside {bounds} of its workspace; plan it inside"
-        )
+        self.place = place
+        there = f"takes its tip to {place}, outside {bounds} of its workspace; plan it inside"
+        super().__init__(f"the motion of arm {arm!r} {there}", arm=arm)
 
 
 class LimitExceeded(MotionRefused):
-    """A motion is faster, or changes faster, than its limits allow.
-
-    Attributes:
-        arm: name of the arm; empty if the caller knows it.
-        ratio: of the motion to its limit.
-    """
+    """A motion is faster, or changes faster, than its limits allow: by the ``ratio`` of the motion to its limit."""
 
     def __init__(self, sentence: str, *, arm: str = "", ratio: float = float("nan")):
-        self.arm, self.ratio = arm, ratio
-        super().__init__(sentence)
+        self.ratio = ratio
+        super().__init__(sentence, arm=arm)
 
 
 class TooNear(MotionRefused):
@@ -198,60 +182,33 @@ class TooNear(MotionRefused):
 
 
 class StartMismatch(MotionRefused):
-    """A motion does not start where, or as fast as, its arm is.
-
-    Attributes:
-        arm: name of the arm.
-    """
+    """A motion does not start where, or as fast as, its arm is."""
 
     def __init__(self, arm: str, problem: str, remedy: str):
-        self.arm = arm
-        super().__init__(_sentence(f"the motion of arm {arm!r} {problem}", remedy))
+        super().__init__(_sentence(f"the motion of arm {arm!r} {problem}", remedy), arm=arm)
 
 
 class ArmMoving(MotionRefused):
-    """An arm moves that is needed at rest.
-
-    Attributes:
-        arm: name of the arm.
-    """
+    """An arm moves that is needed at rest."""
 
     def __init__(self, arm: str, remedy: str = "await its motion, or replace it"):
-        self.arm = arm
-        super().__init__(f"arm {arm!r} is already moving; {remedy}")
+        super().__init__(f"arm {arm!r} is already moving; {remedy}", arm=arm)
 
 
 class AlreadyThere(MotionRefused):
-    """Two places between which a motion is asked for coincide.
-
-    Attributes:
-        arm: name of the arm; empty if the caller knows it.
-    """
-
-    def __init__(self, sentence: str, *, arm: str = ""):
-        self.arm = arm
-        super().__init__(sentence)
+    """Two places between which a motion is asked for coincide."""
 
 
 class StaleReading(MotionRefused):
-    """An arm's encoders were not read for too long.
-
-    Attributes:
-        arm: name of the arm.
-        age_s: of the last reading.
-    """
+    """An arm's encoders were not read for too long; ``age_s`` is that of the last reading."""
 
     def __init__(self, arm: str, age_s: float, max_age_s: float):
-        self.arm, self.age_s = arm, age_s
-        super().__init__(f"arm {arm!r} has not been read for {age_s:.2f} s, more than {max_age_s:.2f} s")
+        self.age_s = age_s
+        super().__init__(f"arm {arm!r} has not been read for {age_s:.2f} s, more than {max_age_s:.2f} s", arm=arm)
 
 
 class NoPlan(MotionRefused):
-    """A planner found no motion.
-
-    Attributes:
-        planner: its name; empty if the caller knows it.
-    """
+    """A planner found no motion; ``planner`` is its name, empty if the caller knows it."""
 
     def __init__(self, reason: str, *, planner: str = ""):
         self.planner = planner
@@ -259,11 +216,7 @@ class NoPlan(MotionRefused):
 
 
 class ArmStopped(TrocarError):
-    """An arm did not reach the end of its motion, and is not used again.
-
-    Attributes:
-        arm: name of the arm.
-    """
+    """An arm, of this name, did not reach the end of its motion, and is not used again."""
 
     def __init__(self, arm: str, reason: str):
         self.arm = arm

@@ -29,17 +29,17 @@ def recording(tmp_path):
 OWN = Path(__file__).parents[2] / "examples" / "own_cable_model.py"
 
 
-def test_a_model_from_a_plugin_is_fitted_kept_and_evaluated_like_any_other(trocar, recording, tmp_path, monkeypatch):
+def test_a_model_from_a_plugin_is_fitted_kept_and_evaluated_like_any_other(
+    trocar, recording, tmp_path, monkeypatch, registries
+):
     model = tmp_path / "plane.npz"
     for words in (["fit", recording, "--model", "plane", "--out", model], ["evaluate", model, recording]):
         code, _, err = trocar("calibrate", *words, "--json")
         assert code == 2 and "plane" in err
-        monkeypatch.setattr("trocar.registry._LOADED", {})  # as in a process of its own
-        try:
+        with monkeypatch.context() as process:  # as in a process of its own
+            process.setattr("trocar.registry._LOADED", {})
+            process.setattr(MODELS, "_known", dict(MODELS._known))
             code, out, err = trocar("calibrate", *words, "--json", "--plugin", OWN)
-        finally:
-            if "plane" in MODELS:
-                MODELS.forget("plane")
         assert code == 0, err
         assert json.loads(out)["model"] == "plane"
 

@@ -3,13 +3,13 @@
 import shlex
 
 from trocar import __version__
-from trocar.cli import doctor, options
+from trocar.cli import installed, options
 from trocar.extras import EXTRAS, how_to_install
 
 
 def without(monkeypatch, *missing):
     """Pretend that these modules are not installed."""
-    for module in (doctor, options):
+    for module in (installed, options):
         found = module.find_spec
         monkeypatch.setattr(module, "find_spec", lambda name, found=found: None if name in missing else found(name))
 

@@ -5,13 +5,12 @@ import sys
 from importlib.metadata import version
 
 import pytest
-from typer import Typer
 from typer.main import get_command
 from typer.testing import CliRunner
 
 from trocar.cli import app
 from trocar.cli.commands import COMMANDS as KNOWN
-from trocar.cli.group import Deferred
+from trocar.cli.group import Deferred, Group
 from trocar.eval import TASKS
 from trocar.registry import Lazy
 
@@ -90,5 +89,5 @@ def known_leaves(members):
 @pytest.mark.parametrize("known", known_leaves(KNOWN), ids=lambda known: known.where)
 def test_the_line_in_the_list_is_the_first_of_the_commands_own_help(known):
     found = Lazy(known.where).load()
-    own = found.info.help if isinstance(found, Typer) else found.__doc__
+    own = found.help if isinstance(found, Group) else found.__doc__
     assert " ".join(own.split("\n\n")[0].split()) == known.about

@@ -9,7 +9,7 @@ import sys
 import pytest
 from rich.console import Console
 
-from trocar.cli import doctor, prepare_streams
+from trocar.cli import installed, prepare_streams
 from trocar.errors import MachineError, TrocarError
 
 
@@ -27,8 +27,8 @@ def test_what_goes_wrong_is_told_by_the_exit_code(trocar, monkeypatch, error, co
     def fails(extra):
         raise error
 
-    monkeypatch.setattr(doctor, "how_to_install", fails)
-    monkeypatch.setattr(doctor, "find_spec", lambda name: None)
+    monkeypatch.setattr(installed, "how_to_install", fails)
+    monkeypatch.setattr(installed, "find_spec", lambda name: None)
     found, _, err = trocar("doctor")
     assert found == code and said in err
     assert ("Traceback" in err) == (code == 70)

@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from trocar.cli import app
+from trocar.cli.collect import collect
 from trocar.cli.out_folder import LONGEST_NAME, check_out_folder, default_folder, differing
-from trocar.cli.study import study
 from trocar.errors import TrocarError
 from trocar.eval.config import RunConfig
 from trocar.files.output import PICTURE, write_json
@@ -107,9 +107,9 @@ def test_a_default_folder_has_a_name_that_every_disk_takes(tmp_path):
     assert name != default_folder("run-1", strange | {"x": tmp_path / "other"}).name
 
 
-def test_a_study_counts_what_differs_from_its_commands_defaults():
-    given = {"difficulty": "mild", "station": "", "sessions": 10, "flaw": None}
-    assert differing(study, given) == {"difficulty": "mild"}
+def test_what_differs_from_a_commands_defaults_counts():
+    given = {"difficulty": "mild", "rows": 1355, "fit": True, "flaw": None}
+    assert differing(collect, given) == {"difficulty": "mild"}
 
 
 @pytest.mark.parametrize(

@@ -71,18 +71,16 @@ def hasty(problem):
     return {name: path for name in problem.arms}
 
 
-PLANNERS.register("NAME", hasty)
+PLANNERS.register("hasty", hasty)
 """
 
 
 @pytest.fixture
-def plugin(tmp_path):
+def plugin(registries, tmp_path):
     """A file with a planner that is too fast, or finds nothing."""
     path = tmp_path / "hasty.py"
-    path.write_text(PLUGIN.replace("NAME", tmp_path.name))
-    yield path, tmp_path.name
-    if tmp_path.name in PLANNERS:
-        PLANNERS.forget(tmp_path.name)
+    path.write_text(PLUGIN)
+    return path, "hasty"
 
 
 def test_a_motion_that_is_refused_is_told_and_the_exit_code_is_1(run, tmp_path, plugin):

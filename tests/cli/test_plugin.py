@@ -5,8 +5,6 @@ import json
 import numpy as np
 import pytest
 
-from trocar.eval import METHODS, TASKS
-from trocar.motion import PLANNERS
 from waypoints import FOUR
 
 COMMANDS = {
@@ -18,6 +16,7 @@ COMMANDS = {
     "report": "report . {flag}",
     "station": "station show peg-transfer {flag}",
 }
+pytestmark = pytest.mark.usefixtures("registries")
 EVERY_COMMAND = pytest.mark.parametrize("line", COMMANDS.values(), ids=COMMANDS)
 
 
@@ -94,11 +93,7 @@ def test_several_files_may_be_given_and_are_loaded_in_order(trocar, tmp_path, mo
     (tmp_path / "first.py").write_text(first)
     (tmp_path / "second.py").write_text(second)
     words = ("plan", "transfer", "four.npy", "--plugin", "first.py", "--plugin", "second.py", "--json")
-    try:
-        code, out, err = trocar(*words, "--planner", "test-second")
-    finally:
-        for name in ("test-first", "test-second"):
-            PLANNERS.forget(name)
+    code, out, err = trocar(*words, "--planner", "test-second")
     assert code == 0, err
     assert json.loads(out)
 
@@ -119,11 +114,7 @@ def test_a_task_of_ones_own_has_a_command_with_its_options(trocar, tmp_path, mon
         "    goals = scene = world = score = lambda self, *given: None\n"
         "TASKS.register('my-task', Mine)\n"
     )
-    try:
-        code, out, err = trocar(*line.split())
-    finally:
-        if "my-task" in TASKS:
-            TASKS.forget("my-task")
+    code, out, err = trocar(*line.split())
     assert code == 0, err
     assert "--knots" in out and "How many knots." in out
     assert "--transfers" not in out
@@ -135,11 +126,10 @@ def test_a_method_of_ones_own_is_in_the_help_of_its_task_alone(trocar, tmp_path,
         "from trocar.eval import METHODS, Method\n"
         "METHODS.register('peg-transfer/by-magic', Method('a wand does it', object, object))\n"
     )
-    try:
-        shown = {task: trocar("run", "--plugin", "mine.py", task, "--help")[1] for task in ("peg-transfer", "suture")}
-    finally:
-        METHODS.forget("peg-transfer/by-magic")
-    assert "(calibrated, uncalibrated, adaptive, optimized, best, by-magic)" in " ".join(shown["peg-transfer"].split())
+    shown = {task: trocar("run", "--plugin", "mine.py", task, "--help")[1] for task in ("peg-transfer", "suture")}
+    assert "One of calibrated, uncalibrated, adaptive, optimized, best, by-magic." in " ".join(
+        shown["peg-transfer"].split()
+    )
     assert "by-magic" not in shown["suture"]
 
 
@@ -148,10 +138,7 @@ def test_a_method_of_ones_own_replaces_none_of_the_tasks(said):
         "from trocar.eval import METHODS, Method\n"
         "METHODS.register('peg-transfer/calibrated', Method('a wand does it', object, object))\n"
     )
-    try:
-        words = said("run peg-transfer {flag}", text)
-    finally:
-        METHODS.forget("peg-transfer/calibrated")
+    words = said("run peg-transfer {flag}", text)
     assert "method 'peg-transfer/calibrated' would replace one of the task's own; register it under another" in words
 
 
@@ -192,10 +179,6 @@ def test_what_a_task_lacks_is_said_before_anything_runs(trocar, tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     head = "from dataclasses import dataclass\nfrom trocar.eval import TASKS, Task\n"
     (tmp_path / "mine.py").write_text(head + body + "\n")
-    try:
-        code, _, err = trocar("run", "--plugin", "mine.py", "my-task")
-    finally:
-        if "my-task" in TASKS:
-            TASKS.forget("my-task")
+    code, _, err = trocar("run", "--plugin", "mine.py", "my-task")
     assert code == 2 and said in " ".join(err.split()) and "Traceback" not in err
     assert not (tmp_path / "out").exists()

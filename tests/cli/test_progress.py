@@ -4,16 +4,10 @@ import io
 
 import pytest
 from rich.console import Console
+from rich.progress import Progress
 
 from trocar.cli import progress
 from trocar.cli.terminal import be_quiet
-
-
-class Clock:
-    now_s = 0.0
-
-    def __call__(self):
-        return self.now_s
 
 
 @pytest.fixture
@@ -25,26 +19,37 @@ def stderr(monkeypatch):
 
 
 def test_a_line_says_how_far_how_long_and_how_much_longer():
-    clock = Clock()
-    lines = progress.Lines(clock)
-    assert lines.line() == ""
-    lines.tick("trials", 4, 20)
-    clock.now_s = 30.0
-    assert lines.line() == "trials: 4 of 20, 0:30 so far"
-    lines.tick("trials", 8, 20, "session 2")
-    clock.now_s = 60.0
-    assert lines.line() == "trials: 8 of 20, session 2, 1:00 so far, about 3:00 left"
+    times = [0.0]
+    shown = Progress(get_time=lambda: times[0], disable=True, speed_estimate_period=600.0)
+    number = shown.add_task("trials", total=20, completed=4)
+    said = []
+    for times[0], done, now in (
+        (30.0, 4, "trials"),
+        (60.0, 6, "session 2"),
+        (4000.0, 8, "session 2"),
+        (4120.0, 11, "trials"),
+    ):
+        shown.update(number, completed=done, description=now)
+        said.append(progress.line_of("trials", shown.tasks[0]))
+    assert said == [
+        "trials: 4 of 20, 0:00:30 so far",
+        "trials: 6 of 20, session 2, 0:01:00 so far",
+        "trials: 8 of 20, session 2, 1:06:40 so far",  # too long ago for an estimate
+        "trials: 11 of 20, 1:08:40 so far, about 0:06:00 left",
+    ]
+    shown.add_task("boxes", total=None)
+    assert progress.line_of("boxes", shown.tasks[1]) == "boxes, 0:00:00 so far"
 
 
-def test_another_piece_of_work_has_a_time_of_its_own():
-    clock = Clock()
-    lines = progress.Lines(clock)
-    lines.tick("sessions", 0, 2)
-    clock.now_s = 4000.0
-    assert lines.line() == "sessions: 0 of 2, 1:06:40 so far"
-    lines.tick("boxes", 0, None, "gap .1")
-    clock.now_s += 5.0
-    assert lines.line() == "boxes, gap .1, 0:05 so far"
+def test_the_last_piece_of_work_is_told(stderr, monkeypatch):
+    monkeypatch.setattr(progress, "FIRST_S", 0.01)
+    with progress.progress() as tick:
+        tick("sessions", 1, 2)
+        tick("trials", 0, 9)
+        tick("sessions", 2, 2)
+        while not stderr.getvalue():
+            pass
+    assert stderr.getvalue().startswith("sessions: 2 of 2, ")
 
 
 def test_where_there_is_no_terminal_lines_are_written_while_work_lasts(stderr, monkeypatch):
@@ -54,14 +59,13 @@ def test_where_there_is_no_terminal_lines_are_written_while_work_lasts(stderr, m
         while not stderr.getvalue():
             pass
     said = stderr.getvalue()
-    assert said.splitlines()[0] == "trials: 1 of 2, 0:00 so far"
+    assert said.splitlines()[0] == "trials: 1 of 2, 0:00:00 so far"
     assert stderr.getvalue() == said, "nobody writes any more"
 
 
 def test_work_that_is_soon_done_writes_nothing(stderr):
-    with progress.progress() as tick, progress.waiting("fitting") as say:
+    with progress.progress() as tick, progress.waiting("fitting"):
         tick("trials", 1, 2)
-        say("still")
     assert stderr.getvalue() == ""
 
 
@@ -71,7 +75,8 @@ def test_quiet_is_quiet(monkeypatch, capsys, shown):
     be_quiet(True)
     try:
         with shown() as tick:
-            tick("trials", 1, 2) if shown is progress.progress else tick("still")
+            if shown is progress.progress:
+                tick("trials", 1, 2)
     finally:
         be_quiet(False)
     assert capsys.readouterr() == ("", "")

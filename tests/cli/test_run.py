@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from processes import UNPICTURED, python
 from synthetic import synthetic_trial, unmarked
 from trocar.cli import app
-from trocar.eval import run as trials_run
+from trocar.eval import jobs
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import trial_file, trial_files
 from trocar.report.summary import summarise
@@ -161,7 +161,7 @@ def interrupt_at(monkeypatch, number):
             raise KeyboardInterrupt
         return synthetic_trial(config, index, session=prepared.number)
 
-    monkeypatch.setattr(trials_run, "run_trial", run_trial)
+    monkeypatch.setattr(jobs, "run_trial", run_trial)
 
 
 def test_ctrl_c_keeps_finished_trials_and_says_so(trocar, played, monkeypatch, tmp_path):
@@ -334,8 +334,8 @@ def test_to_view_a_trial_the_code_of_its_task_is_not_needed(real):
 def test_trials_at_once_are_the_same_as_one_after_the_other(trocar, unpictured, tmp_path):
     quick = ("--method", "uncalibrated", "--transfers", "1", "--flawless-camera")
     words = ["run", "peg-transfer", *quick, "--trials", "2", "--seed", "4"]
-    for jobs in ("1", "2"):
-        trocar(*words, "--jobs", jobs, "--out", tmp_path / jobs)
-    one, two = ([path.read_bytes() for path in trial_files(tmp_path / jobs)] for jobs in ("1", "2"))
+    for count in ("1", "2"):
+        trocar(*words, "--jobs", count, "--out", tmp_path / count)
+    one, two = ([path.read_bytes() for path in trial_files(tmp_path / count)] for count in ("1", "2"))
     assert len(one) == 2
     assert one == two

@@ -25,18 +25,14 @@ def test_a_run_can_be_handed_to_another_process():
     assert (again.sessions, again.task) == (2, run.task)
 
 
-def test_a_run_of_a_plugin_brings_it_along(tmp_path):
+def test_a_run_of_a_plugin_brings_it_along(registries, tmp_path):
     plugin = tmp_path / "mine.py"
     plugin.write_text("from trocar.motion import PLANNERS\nPLANNERS.register('mine', PLANNERS['spline'])\n")
-    from trocar.motion import PLANNERS
     from trocar.registry import load_plugin
 
     load_plugin(plugin)
-    try:
-        run = config(planner="mine", plugins=(str(plugin),))
-        assert pickle.loads(pickle.dumps(run)).fingerprint == run.fingerprint
-    finally:
-        PLANNERS.forget("mine")
+    run = config(planner="mine", plugins=(str(plugin),))
+    assert pickle.loads(pickle.dumps(run)).fingerprint == run.fingerprint
 
 
 def test_models_are_shared_where_nothing_differs_that_they_depend_on():
@@ -89,11 +85,11 @@ def played(monkeypatch):
     """Replace trials by synthetic ones; return the list of those that were played."""
     done = []
 
-    def run_trial(run, prepared, index):
+    def run_trial(run, prepared, index, *_, **__):
         done.append((prepared.number, index))
         return synthetic_trial(run, index, session=prepared.number)
 
-    def without_simulator(run, number, folder):
+    def without_simulator(run, number, folder, **_):
         (folder / f"session_{number:02d}").mkdir(exist_ok=True)
         return Prepared(number, None, {})
 
@@ -114,7 +110,7 @@ def test_a_trial_that_is_there_is_not_run_again(tmp_path, played):
 
 
 def test_a_trial_whose_physics_broke_down_is_void_and_said(tmp_path, played, monkeypatch):
-    def broken(*given):
+    def broken(*_, **__):
         raise PhysicsError(0.2)
 
     monkeypatch.setattr(jobs, "run_trial", broken)

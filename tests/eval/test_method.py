@@ -12,7 +12,7 @@ import pytest
 from simulated import ideal_laboratory, standing
 from trocar.arms import MOTION_LIMITS
 from trocar.calibration.excitation import EXERCISE_RAD, PSM1_BOX
-from trocar.cli.task_group import TaskGroup, task_command
+from trocar.cli.run import TaskGroup
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import (
     METHODS,
@@ -80,25 +80,11 @@ class Knitting(Task):
 
 
 @pytest.fixture(autouse=True)
-def findable(monkeypatch):
+def findable(registries, monkeypatch):
     """Let what is lazy here be imported by its name, as pytest's own imports are not."""
     monkeypatch.setitem(sys.modules, HERE, sys.modules.get(HERE) or SimpleNamespace())
     for thing in (Knitter, Settings, Eyes):
         monkeypatch.setattr(sys.modules[HERE], thing.__name__, thing, raising=False)
-
-
-@pytest.fixture
-def from_outside():
-    """Register methods and perceptions as other packages do, and clear up."""
-    names = []
-
-    def register(registry, name, thing):
-        names.append((registry, name))
-        return registry.register(name, thing)
-
-    yield register
-    for registry, name in names:
-        registry.forget(name)
 
 
 # Options.
@@ -112,6 +98,7 @@ def test_options_are_fields_with_what_a_command_line_needs():
         "flag": "needle-file",
         "metavar": "FILE",
         "choices": (),
+        "shown": "",
     }
     assert found["pattern"].metadata["choices"] == ("plain", "purl") and found["pattern"].default == "plain"
     assert Knitting(rows=3).options() == {
@@ -127,21 +114,22 @@ def run_command(task, *args):
     """Return what the body of a task's command was called with."""
     seen = {}
 
-    def body(*, task, options, seed: int = 0):
-        seen.update(task=task, options=options, seed=seed)
-
     class Group(TaskGroup):
-        about, example = "Plays it.", "trocar run {task}"
+        does, example, of_run = "Plays it.", "trocar run {task}", ("seed", "flaws", "new_session")
 
-    Group.body = staticmethod(body)
-    task_command(task, Group).main(list(args), standalone_mode=False)
+        @staticmethod
+        def body(*, task, options, run):
+            seen.update(task=task, options=options, run=run)
+
+    Group("run", "", {}).command(task).main(list(args), standalone_mode=False)
     return seen
 
 
 def test_a_command_line_makes_a_task_of_them_with_their_types():
-    line = ("--rows", "7", "--pattern", "purl", "--needle-file", "n.toml", "--tight", "--budget", "5", "--seed", "3")
-    seen = run_command(Knitting, *line)
-    assert (seen["task"], seen["seed"]) == (Knitting, 3)
+    line = "--rows 7 --pattern purl --needle-file n.toml --tight --budget 5 --seed 3 --flaw jaw=1deg --flaw wear=2"
+    seen = run_command(Knitting, *line.split())
+    assert seen["task"] is Knitting
+    assert seen["run"] == {"seed": 3, "flaws": ("jaw=1deg", "wear=2"), "new_session": False}
     options = {"rows": 7, "pattern": "purl", "needle": Path("n.toml"), "tight": True, "budget_s": 5.0}
     assert seen["options"] == options and Knitting(**seen["options"]) == Knitting(**options)
     assert Knitting(**run_command(Knitting)["options"]) == Knitting()
@@ -168,7 +156,7 @@ def test_an_option_that_every_run_has_is_refused():
 
 
 def test_a_tasks_own_methods_come_first_and_the_first_is_the_default():
-    assert list(methods_of(Knitting)) == ["by-hand", "machine"]
+    assert methods_of(Knitting) == ("by-hand", "machine")
     assert pick_method(Knitting, "") is BY_HAND
     assert pick_method(Knitting, "machine") is WITH_A_MACHINE
 
@@ -186,25 +174,25 @@ def test_what_is_lazy_is_loaded_when_it_is_needed():
 def test_a_method_that_is_lazy_itself_is_loaded_when_it_is_picked(monkeypatch):
     monkeypatch.setattr(sys.modules[HERE], "BY_HAND", BY_HAND, raising=False)
     monkeypatch.setattr(Knitting, "methods", {"later": Lazy(f"{HERE}:BY_HAND")})
-    assert isinstance(methods_of(Knitting)["later"], Lazy)
+    assert methods_of(Knitting) == ("later",)
     assert pick_method(Knitting, "later") is BY_HAND
 
 
-def test_methods_from_outside_are_their_tasks_alone(from_outside):
-    mine = from_outside(METHODS, "knitting/mine", Method("mine", Knitter, Settings))
-    from_outside(METHODS, "weaving/mine", Method("of another task", Knitter, Settings))
-    from_outside(METHODS, "knitting-fast/other", Method("of yet another", Knitter, Settings))
-    assert list(methods_of(Knitting)) == ["by-hand", "machine", "mine"]
+def test_methods_from_outside_are_their_tasks_alone():
+    mine = METHODS.register("knitting/mine", Method("mine", Knitter, Settings))
+    METHODS.register("weaving/mine", Method("of another task", Knitter, Settings))
+    METHODS.register("knitting-fast/other", Method("of yet another", Knitter, Settings))
+    assert methods_of(Knitting) == ("by-hand", "machine", "mine")
     assert pick_method(Knitting, "mine") is mine
     assert pick_method(Knitting, "") is BY_HAND
 
 
-def test_perceptions_are_made_anew_whenever_they_are_picked(from_outside):
+def test_perceptions_are_made_anew_whenever_they_are_picked():
     class Fingers:
         pass
 
-    from_outside(PERCEPTIONS, "knitting/fingers", Fingers)
-    from_outside(PERCEPTIONS, "weaving/ears", Fingers)
+    PERCEPTIONS.register("knitting/fingers", Fingers)
+    PERCEPTIONS.register("weaving/ears", Fingers)
     assert perceptions_of(Knitting) == ("eyes", "far", "fingers")
     for name, kind in (("eyes", Eyes), ("far", Eyes), ("fingers", Fingers)):
         assert type(pick_perception(Knitting, name)) is kind
@@ -309,14 +297,10 @@ def test_a_file_of_ones_own_adds_methods_and_perceptions(tmp_path):
         "PERCEPTIONS.register('knitting/touch', Touch)\n"
     )
     digest = load_plugin(plugin)
-    try:
-        assert load_plugin(plugin) == digest  # a second time changes nothing
-        method = pick_method(Knitting, "loom")
-        assert method.about == "with a loom" and type(method.make_agent(SimpleNamespace())).__name__ == "Loom"
-        assert type(pick_perception(Knitting, method.perception)).__name__ == "Touch"
-    finally:
-        METHODS.forget("knitting/loom")
-        PERCEPTIONS.forget("knitting/touch")
+    assert load_plugin(plugin) == digest  # a second time changes nothing
+    method = pick_method(Knitting, "loom")
+    assert method.about == "with a loom" and type(method.make_agent(SimpleNamespace())).__name__ == "Loom"
+    assert type(pick_perception(Knitting, method.perception)).__name__ == "Touch"
 
 
 # The task itself.

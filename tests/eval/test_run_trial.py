@@ -18,8 +18,9 @@ from trocar.eval import Method
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import load_trials
 from trocar.eval.method import METHODS
-from trocar.eval.run import prepare, run_trial
-from trocar.eval.trial import Trial, trial_file, trial_files
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
+from trocar.eval.trial import trial_file, trial_files
 from trocar.report.files import report_of
 from trocar.report.summary import summarise
 from trocar.robots import TICK_S
@@ -88,8 +89,9 @@ def test_the_log_holds_every_transfer_and_every_computation(trial):
     assert trial.duration_s == pytest.approx(trial.spans[-1].end_s, abs=0.5)
 
 
-def test_truth_is_kept_at_100_hz_without_gaps_or_repeats(trial):
+def test_truth_is_kept_at_100_hz_without_gaps_or_repeats(trial, tmp_path):
     trial, _ = trial
+    assert trial.save(tmp_path / "trial.npz").stat().st_size < 2 << 20 and len(trial.replay().images) >= 12
     assert len(trial.times_s) == round(trial.duration_s / TICK_S) + 1
     assert np.allclose(np.diff(trial.times_s), TICK_S)
     assert {name for name in trial.arrays if name.startswith("body_")} == {f"body_block{k}" for k in range(6)}
@@ -124,23 +126,6 @@ def test_blocks_were_never_where_no_block_can_be(trial):
     assert blocks[..., 2].min() > -0.02
     assert np.linalg.norm(np.diff(blocks, axis=1), axis=-1).max() / TICK_S < 1.5
     assert np.abs(blocks[..., :2]).max() < 0.1
-
-
-def test_a_replay_of_the_file_shows_the_poses_of_the_trial(trial, tmp_path):
-    trial, _ = trial
-    path = trial.save(tmp_path / "trial.npz")
-    assert path.stat().st_size < 2 << 20
-    replay = Trial.load(path).replay()
-    assert_array_equal(replay.times_s, trial.times_s)
-    for k in range(6):
-        T, rows = replay.T_world_body[f"block{k}"], trial.arrays[f"body_block{k}"]
-        assert_array_equal(T.translation_m, rows[:, :3])
-        w, x, y, z = rows[:, 3:].astype(float).T
-        assert np.abs(T.matrix[:, 2, 2] - (w * w - x * x - y * y + z * z)).max() < 1e-6
-    joints = trial.arrays["true_psm1"][:, :6].astype(float)
-    tips = (trial.scenery.T_world_base["psm1"] @ fk(trial.scenery.arms["psm1"], joints)).translation_m
-    assert np.abs(replay.tools["psm1"].p_world_driven_m - tips).max() < 1e-9
-    assert len(replay.images) >= 12
 
 
 def test_the_listener_hears_every_event(trial):
@@ -194,8 +179,8 @@ class Idler(Looker):
         pass
 
 
-@pytest.fixture(scope="module")
-def lookers():
+@pytest.fixture
+def lookers(registries):
     """Methods that look sooner or later, or not at all, compensated or not."""
     usual = {"perception": "depth"}
     methods = {
@@ -208,22 +193,13 @@ def lookers():
     }
     for name, method in methods.items():
         METHODS.register(f"peg-transfer/{name}", method)
-    yield
-    for name in methods:
-        METHODS.forget(f"peg-transfer/{name}")
 
 
 def looked(folder, method="idle", seed=7, session=0, index=0, settings=(), raise_errors=False, **options):
     """Return a trial of nothing but a look, or of less."""
     quick = {"model": "offset", "calibration": "joints"} if method == "steady" else {}
     config = RunConfig(
-        PegTransfer(**options),
-        method=method,
-        **quick,
-        settings=settings,
-        seed=seed,
-        sessions=9,
-        trials=9,
+        PegTransfer(**options), method=method, **quick, settings=settings, seed=seed, sessions=9, trials=9
     )
     prepared = prepare(config, session, folder / f"{method}-{seed}")
     return run_trial(config, prepared, index, raise_errors=raise_errors)
@@ -283,38 +259,29 @@ def broken(error):
 
 
 @pytest.mark.parametrize("error", [TrocarError("a motion is refused"), OSError("a device does not answer")])
-def test_a_fault_ends_the_trial_and_is_told(tmp_path, error):
+def test_a_fault_ends_the_trial_and_is_told(registries, tmp_path, error):
     METHODS.register("peg-transfer/broken", broken(error))
-    try:
-        trial = looked(tmp_path, "broken")
-    finally:
-        METHODS.forget("peg-transfer/broken")
+    trial = looked(tmp_path, "broken")
     assert (trial.ended, trial.reason) == ("FAULT", str(error))
     assert {score["failure"] for score in trial.scores} == {"FAULT"}
     assert trial.duration_s == pytest.approx(0.1, abs=0.05)
 
 
-def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(tmp_path):
+def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(registries, tmp_path):
     METHODS.register("peg-transfer/broken", broken(KeyError("a mistake")))
-    try:
-        trial = looked(tmp_path, "broken")
-        with pytest.raises(KeyError, match="a mistake"):
-            looked(tmp_path, "broken", raise_errors=True)
-    finally:
-        METHODS.forget("peg-transfer/broken")
+    trial = looked(tmp_path, "broken")
+    with pytest.raises(KeyError, match="a mistake"):
+        looked(tmp_path, "broken", raise_errors=True)
     assert trial.ended == "AGENT_ERROR"
     assert "KeyError: 'a mistake' (test_run_trial.py, line " in trial.reason
     assert {score["failure"] for score in trial.scores} == {"AGENT_ERROR"}
     assert "raise error" in trial.events[-1]["traceback"]
 
 
-def test_a_simulation_that_breaks_down_makes_no_trial(tmp_path):
+def test_a_simulation_that_breaks_down_makes_no_trial(registries, tmp_path):
     METHODS.register("peg-transfer/broken", broken(PhysicsError(0.2)))
-    try:
-        with pytest.raises(PhysicsError):
-            looked(tmp_path, "broken")
-    finally:
-        METHODS.forget("peg-transfer/broken")
+    with pytest.raises(PhysicsError):
+        looked(tmp_path, "broken")
 
 
 def test_a_task_scores_each_of_its_goals(lookers, tmp_path, monkeypatch):
@@ -335,7 +302,7 @@ class Slower:
 
 
 @pytest.mark.parametrize("wrap", [None, lambda cell, settings: Slower(cell.robot, settings)])
-def test_an_agent_has_its_methods_wrapper_and_no_other(tmp_path, wrap):
+def test_an_agent_has_its_methods_wrapper_and_no_other(registries, tmp_path, wrap):
     robots = []
 
     class Shower(Idler):
@@ -343,10 +310,7 @@ def test_an_agent_has_its_methods_wrapper_and_no_other(tmp_path, wrap):
             robots.append(self.context.cell.robot)
 
     METHODS.register("peg-transfer/shower", Method("shows its robot", Shower, LookerSettings, wrap_robot=wrap))
-    try:
-        looked(tmp_path, "shower", settings=("wait_s=.2",))
-    finally:
-        METHODS.forget("peg-transfer/shower")
+    looked(tmp_path, "shower", settings=("wait_s=.2",))
     (robot,) = robots
     assert isinstance(robot, Slower) == (wrap is not None)
     if wrap is not None:

@@ -1,7 +1,7 @@
 """The scene of a trial's cell, drawn again without simulator, task or arm model."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from simulated import Hand, ideal_session, joints_at, scene_of, standing, trial_of
 from trocar.arms import ARMS, fk
 from trocar.errors import TrocarError
-from trocar.eval.scenery import Scenery, arm_of, arm_values, link_poses
+from trocar.eval.scenery import Scenery, arm_of, link_poses
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.lab.session import draw_session
@@ -200,15 +200,19 @@ def test_a_trial_that_was_saved_has_the_same_replay(played, tmp_path):
 
 @EVERY_ARM
 def test_an_arm_comes_back_from_its_values(arm):
-    back = arm_of(json.loads(json.dumps(arm_values(arm), allow_nan=False)))
+    back = arm_of(json.loads(json.dumps(asdict(arm), allow_nan=False)))
     assert back == arm
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper)
     assert np.array_equal(fk(back, q).matrix, fk(arm, q).matrix)
 
 
 def test_an_arm_with_other_parts_is_refused():
-    values = arm_values(ARMS["psm-classic"])
+    values = asdict(ARMS["psm-classic"])
     fewer = {name: value for name, value in values.items() if name != "joints"}
-    for other in (values | {"wheels": 4}, fewer):
-        with pytest.raises(TrocarError, match=r"too many or too few.*damaged"):
+    for other, wrong in (
+        (values | {"wheels": 4}, "wheels"),
+        (fewer, "joints"),
+        (values | {"joints": 3}, "valid tuple"),
+    ):
+        with pytest.raises(TrocarError, match=rf"{wrong}.*damaged"):
             arm_of(other)

@@ -1,8 +1,6 @@
 """The engine of studies: conditions, the order of the work, rows, what is missing."""
 
-import gc
 import json
-import weakref
 
 import pytest
 
@@ -10,7 +8,7 @@ from made_up_study import saved
 from trocar.errors import InvalidInput, UnknownName
 from trocar.eval.jobs import opened
 from trocar.eval.study import RowKind, chosen, conditions_of, read_study, row_file
-from trocar.eval.trial import Trial, trial_file
+from trocar.eval.trial import trial_file
 from trocar.report.sweep import KIND
 from trocar.tasks.debridement.task import Debridement
 from trocar.tasks.peg_transfer.task import PegTransfer
@@ -83,19 +81,6 @@ def test_what_is_missing_is_said(tmp_path):
         read_study(conditions, KIND)
 
 
-def test_no_more_than_one_trial_is_alive_at_a_time(tmp_path, monkeypatch):
-    conditions = saved(tmp_path, sessions=1, trials=3)
-    alive: list[weakref.ref] = []
-    most = []
-    load = Trial.load
-
-    def watched(path):
-        gc.collect()
-        most.append(sum(one() is not None for one in alive))
-        trial = load(path)
-        alive.append(weakref.ref(trial))
-        return trial
-
-    monkeypatch.setattr(Trial, "load", watched)
-    read_study(conditions, KIND)
-    assert (len(alive), max(most)) == (6, 0)
+def test_no_more_than_one_trial_is_alive_at_a_time(tmp_path, alive):
+    read_study(saved(tmp_path, sessions=1, trials=3), KIND)
+    assert (len(alive), max(alive)) == (6, 0)

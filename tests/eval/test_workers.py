@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from trocar.errors import TrocarError
+from trocar.eval import workers
 from trocar.eval.workers import pick_workers, run_all
 from units_of_work import always_killed, done, killed_once, refused
 
@@ -143,8 +144,6 @@ def test_workers_that_do_not_exist(given, words):
 
 @pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
 def test_a_scheduler_that_does_not_answer(tmp_path, monkeypatch):
-    from trocar.eval import dask_workers  # an extra
-
-    monkeypatch.setattr(dask_workers, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(workers, "PATIENCE_S", 0.5)
     with pytest.raises(TrocarError, match="no dask scheduler that answers"):
         list(run_all(done, units(tmp_path), pick_workers("dask", 1, "tcp://127.0.0.1:9")))

@@ -3,13 +3,12 @@
 import subprocess
 import sys
 
-from trocar.files.atomic import drafted
-from trocar.files.output import write_json
+from trocar.files.output import drafted, write_json
 
 WRITER = """
 import sys, time
 from pathlib import Path
-from trocar.files.atomic import drafted
+from trocar.files.output import drafted
 with drafted(Path(sys.argv[1])) as draft:
     draft.write_text("half a")
     print(draft, flush=True)

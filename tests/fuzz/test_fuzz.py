@@ -63,4 +63,5 @@ def test_what_was_found_once_is_not_found_again(good, line, columns, encoding):
 
 def test_every_command_is_tried():
     assert {words[0] for words in COMMANDS} >= {"run", "report", "view", "calibrate", "plan", "register", "station"}
-    assert len(COMMANDS) > 25
+    assert len(COMMANDS) > 25 and ("run", "peg-transfer") in COMMANDS
+    assert all(len(command.params) > 1 for command in COMMANDS.values()), "with their own options"

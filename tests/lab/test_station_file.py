@@ -73,11 +73,7 @@ def test_a_registration_by_a_checkerboard_is_read_and_checked():
     for old, new, says in (
         ("columns = 10", "columns = 9", "looks the same after half a turn"),
         ("views = 20", "views = 3", "registration.views is 3; it should be greater than or equal to 6"),
-        (
-            'kind = "checkerboard"',
-            'kind = "tape"',
-            "'tape' is unknown; choose one of points, checkerboard",
-        ),
+        ('kind = "checkerboard"', 'kind = "tape"', "'tape' is unknown; choose one of points, checkerboard"),
         ('kind = "checkerboard"', 'kind = "points"', "registration has an unknown key"),
     ):
         with pytest.raises(TrocarError, match=re.escape(says)):
@@ -106,16 +102,8 @@ def test_a_file_of_ones_own_is_read(tmp_path):
     [
         ('name = "peg-transfer"', 'nome = "peg-transfer"', "unknown key 'nome'; did you mean 'name'"),
         ('name = "peg-transfer"', 'name = "x"\ncolour = "red"', "unknown key 'colour'; known are name"),
-        (
-            'model = "psm-classic"',
-            'model = "psm-future"',
-            r"arms\.psm1\.model: arm 'psm-future' is unknown; choose",
-        ),
-        (
-            'transmission = "psm1_grey"',
-            'transmission = "ropes"',
-            "'ropes' is unknown; choose one of psm1_grey",
-        ),
+        ('model = "psm-classic"', 'model = "psm-future"', r"arms\.psm1\.model: arm 'psm-future' is unknown; choose"),
+        ('transmission = "psm1_grey"', 'transmission = "ropes"', "'ropes' is unknown; choose one of psm1_grey"),
         ('limits = "paper"', 'limits = "none"', "choose one of model, paper, dvrk"),
         ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [133.2, 0.0]", r"is \[133.2, 0.0\]; .* at least 3 items"),
         ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [1e9, 0.0, 1.0]", "it should be less than or equal to 5000"),

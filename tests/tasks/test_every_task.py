@@ -22,7 +22,8 @@ from trocar.eval import (
 )
 from trocar.eval.config import RunConfig
 from trocar.eval.method import METHODS
-from trocar.eval.run import prepare, run_trial
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
 from trocar.eval.trial import Trial
 from trocar.report import files as files_of_a_report
 from trocar.report.files import report_of, write_report

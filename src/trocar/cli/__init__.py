@@ -7,7 +7,7 @@ import sys
 import traceback
 from contextlib import suppress
 from io import TextIOWrapper
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -27,16 +27,16 @@ MIN_COLUMNS, MAX_COLUMNS = 20, 1000
 
 
 class _Trocar(Group):
-    members = COMMANDS
+    def __init__(self, **given: Any) -> None:
+        about = "Autonomous surgical sub-tasks on cable-driven robots: see, calibrate, plan, act, score."
+        super().__init__(**{**given, "name": "trocar", "about": about, "members": COMMANDS, "help": about})
 
 
 app = typer.Typer(
     cls=_Trocar,
-    name="trocar",
-    help="Autonomous surgical sub-tasks on cable-driven robots: see, calibrate, plan, act, score.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
+from typer import Argument, Option
 
 from trocar.cli.group import Result
 from trocar.cli.out_folder import check_out_folder
@@ -32,7 +32,7 @@ FILES = {"motion.png": PICTURE, "summary.json": KIND}
 def analyse(
     recording: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="FILE",
             help="CSV of measured joints, its first line naming the columns, or a trial's .npz of a run.",
         ),
@@ -40,21 +40,21 @@ def analyse(
     *,
     arm: Annotated[
         str,
-        typer.Option(
+        Option(
             help="CSV: model of the arm, for its tip (psm-classic). Trial: which arm (default: the one that worked)."
         ),
     ] = "",
     columns: Annotated[
-        str, typer.Option(metavar="A,B,...", help="CSV: columns to analyse; default: q1 to q6 (rad, m), or all.")
+        str, Option(metavar="A,B,...", help="CSV: columns to analyse; default: q1 to q6 (rad, m), or all.")
     ] = "",
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="CSV without a column of times (t_s, in s): samples per second.")
+        float | None, Option(metavar="HZ", help="CSV without a column of times (t_s, in s): samples per second.")
     ] = None,
     smoothness: Annotated[
-        float | None, typer.Option(help="Weight of smoothness.", show_default="by cross-validation, for each joint")
+        float | None, Option(help="Weight of smoothness.", show_default="by cross-validation, for each joint")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write motion.csv, motion.png and summary.json here.")
+        Path | None, Option(metavar="DIR", help="Write motion.csv, motion.png and summary.json here.")
     ] = None,
 ) -> Result:
     """Estimate velocity, acceleration and jerk of joints and tool tip from measured positions (Huber losses)."""

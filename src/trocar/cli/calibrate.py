@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
-import typer
+from typer import Argument, Option
 
 from trocar.calibration.recording import JOINT_NAMES
 from trocar.cli.group import Result
@@ -18,27 +18,23 @@ from trocar.counting import counted
 from trocar.errors import InvalidInput
 from trocar.files.output import require_picture, write_table
 
-if TYPE_CHECKING:
-    from trocar.calibration.excitation import MotionBox
-    from trocar.lab.station import StationArm
-
 RecordingPath = Annotated[
     Path,
-    typer.Argument(
+    Argument(
         metavar="RECORDING",
         help=".npz with q_cmd, q_phy (optional: valid, t_s); .csv with q1_commanded_rad to q6_measured_rad (q3 in m; "
         "optional: time_s, valid); or a folder of q_cmd.npy, q_phy.npy (or q_des.npy, q_act.npy)",
     ),
 ]
-ModelPath = Annotated[Path, typer.Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")]
+ModelPath = Annotated[Path, Argument(metavar="MODEL", help="File written by `trocar calibrate fit`.")]
 PriorName = Annotated[
     str | None,
-    typer.Option(
+    Option(
         metavar="fleet|none|FILE",
         help="What is known beforehand: 'fleet' is learned from six recordings of four instruments (default for play).",
     ),
 ]
-Plot = Annotated[Path | None, typer.Option(metavar="PNG", help="Draw a picture.")]
+Plot = Annotated[Path | None, Option(metavar="PNG", help="Draw a picture.")]
 
 COMMANDS = ("t_s", *JOINT_NAMES)
 """Columns of a table of commands."""
@@ -47,10 +43,10 @@ COMMANDS = ("t_s", *JOINT_NAMES)
 def fit(
     recording: RecordingPath,
     *,
-    out: Annotated[Path, typer.Option(metavar="MODEL", help="Model file to write (.npz).")],
-    model: Annotated[str, typer.Option(help="offset, ridge, play, lstm (extra 'learn'), or your own.")] = "play",
-    rows: Annotated[int | None, typer.Option(metavar="N", help="Fit on the first N rows only.")] = None,
-    fraction: Annotated[float | None, typer.Option(help="Fit on this first share of the rows only.")] = None,
+    out: Annotated[Path, Option(metavar="MODEL", help="Model file to write (.npz).")],
+    model: Annotated[str, Option(help="offset, ridge, play, lstm (extra 'learn'), or your own.")] = "play",
+    rows: Annotated[int | None, Option(metavar="N", help="Fit on the first N rows only.")] = None,
+    fraction: Annotated[float | None, Option(help="Fit on this first share of the rows only.")] = None,
     prior: PriorName = None,
     seed: Seed = 0,
 ) -> Result:
@@ -75,10 +71,8 @@ def fit(
     error = (fitted.predict(data.q_cmd) - data.q_phy)[data.valid]
     rmse = np.sqrt(np.mean(error**2, axis=0))
     summary = {"model": model, "prior": prior, "out": str(out), "rows": int(data.valid.sum())}
-    wrist = " ".join(f"{value:.4f}" for value in rmse[3:])
-    return Result(
-        summary | {"rmse_fit": rmse.tolist()}, [f"fitted {model} on {good}: RMSE q4 q5 q6 {wrist} rad; saved {out}"]
-    )
+    told = f"fitted {model} on {good}: RMSE q4 q5 q6 {' '.join(f'{value:.4f}' for value in rmse[3:])} rad; saved {out}"
+    return Result(summary | {"rmse_fit": rmse.tolist()}, [told])
 
 
 def _first_rows(total: int, rows: int | None, fraction: float | None) -> int:
@@ -96,12 +90,9 @@ def evaluate(
     model: ModelPath,
     recording: RecordingPath,
     *,
-    from_row: Annotated[int, typer.Option(metavar="K", help="Errors count from this row on.")] = 0,
+    from_row: Annotated[int, Option(metavar="K", help="Errors count from this row on.")] = 0,
     refit: Annotated[
-        int,
-        typer.Option(
-            metavar="N", min=0, help="Refit the offsets on N valid rows first, as in a new session; 0: do not."
-        ),
+        int, Option(metavar="N", min=0, help="Refit the offsets on N valid rows first, as in a new session; 0: do not.")
     ] = 0,
     plot: Plot = None,
 ) -> Result:
@@ -139,16 +130,15 @@ def evaluate(
 def apply(
     model: ModelPath,
     path: Annotated[
-        Path,
-        typer.Argument(metavar="PATH", help="CSV of where the joints should go; its first line names the columns."),
+        Path, Argument(metavar="PATH", help="CSV of where the joints should go; its first line names the columns.")
     ],
     *,
-    out: Annotated[Path, typer.Option(metavar="CSV", help=f"Commands to write: {','.join(COMMANDS)}.")],
+    out: Annotated[Path, Option(metavar="CSV", help=f"Commands to write: {','.join(COMMANDS)}.")],
     columns: Annotated[
-        str, typer.Option(metavar="A,B,...", help="Names of the six joints' columns in PATH, in the arm's order.")
+        str, Option(metavar="A,B,...", help="Names of the six joints' columns in PATH, in the arm's order.")
     ] = ",".join(JOINT_NAMES),
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Rows per second, if PATH has no column of times (t_s).")
+        float | None, Option(metavar="HZ", help="Rows per second, if PATH has no column of times (t_s).")
     ] = None,
 ) -> Result:
     """Write the commands that move an arm's joints along a path, for your own controller; rad, and m for q3.
@@ -162,9 +152,8 @@ def apply(
 
     names = columns.split(",")
     if len(set(names)) != len(JOINT_NAMES):
-        raise InvalidInput(
-            f"--columns {columns!r}", f"names {len(set(names))} different columns", "an arm has six joints"
-        )
+        problem = f"names {len(set(names))} different columns"
+        raise InvalidInput(f"--columns {columns!r}", problem, "an arm has six joints")
     if rate is not None and not 0 < rate < np.inf:
         raise InvalidInput(f"--rate {rate}", "is not a rate", "give a number above 0, in Hz")
     require_file("--out", out, "table of commands", (".csv",), [model, path], mark=",".join(COMMANDS))
@@ -172,9 +161,8 @@ def apply(
     wanted = table.columns(names, path)
     if not np.isfinite(wanted).all():
         row = int(np.flatnonzero(~np.isfinite(wanted).all(axis=1))[0])
-        raise InvalidInput(
-            f"row {row + 2} of {str(path)!r}", "has no number for every joint", "fill it in, or cut it out"
-        )
+        where = f"row {row + 2} of {str(path)!r}"
+        raise InvalidInput(where, "has no number for every joint", "fill it in, or cut it out")
     compensator, rows = Compensator(fitted), np.arange(len(wanted))
     at = rows if fitted.rate_independent else sample_positions(wanted, fitted.training)
     desired = np.column_stack([np.interp(at, rows, column) for column in wanted.T])
@@ -185,21 +173,17 @@ def apply(
     write_table(out, COMMANDS, ([f"{value:.9g}" for value in line] for line in lines))
     largest = np.abs(commands - desired).max(axis=0)
     degrees = " ".join(f"{value:.1f}" for value in np.degrees(largest[3:]))
-    return Result(
-        {"model": fitted.name, "rows": len(lines), "largest_correction": largest.tolist(), "out": str(out)},
-        [
-            f"{counted(len(lines), 'command')} by {fitted.name}; largest corrections of q4 q5 q6: {degrees} deg; "
-            f"saved {out}"
-        ],
-    )
+    summary = {"model": fitted.name, "rows": len(lines), "largest_correction": largest.tolist(), "out": str(out)}
+    told = f"{counted(len(lines), 'command')} by {fitted.name}; largest corrections of q4 q5 q6: {degrees} deg"
+    return Result(summary, [f"{told}; saved {out}"])
 
 
 def excite(
     station: StationName,
     *,
-    arm: Annotated[str, typer.Option(metavar="ARM", help="Which arm.", show_default="the first")] = "",
-    rows: Annotated[int, typer.Option(metavar="N", help="Samples; 75 take a minute.")] = 75,
-    out: Annotated[Path, typer.Option(metavar="CSV", help="File to write.")],
+    arm: Annotated[str, Option(metavar="ARM", help="Which arm.", show_default="the first")] = "",
+    rows: Annotated[int, Option(metavar="N", help="Samples; 75 take a minute.")] = 75,
+    out: Annotated[Path, Option(metavar="CSV", help="File to write.")],
 ) -> Result:
     """Write commands that reveal most about an arm's cables in the least time: wide swings.
 
@@ -213,32 +197,19 @@ def excite(
     name = arm or next(iter(there.arms))
     header = ("q1_rad", "q2_rad", "q3_m", "q4_rad", "q5_rad", "q6_rad")
     require_file("--out", out, "table of commands", (".csv",), mark=",".join(header))
-    model, box = there.arm(name).model, require_box(there.name, name, there.arm(name))
+    model, box = there.arm(name).model, there.calibration_box(name)
     q_cmd = slack_taken_up(model, wide_path(model, rows, box))
     write_table(out, header, ([f"{value:.6f}" for value in row] for row in q_cmd))
-    return Result(
-        {"arm": name, "q_cmd": q_cmd.tolist(), "out": str(out)},
-        [f"{len(q_cmd)} commands for {name} ({model.name}), the first two without a measurement; saved {out}"],
-    )
-
-
-def require_box(station: str, name: str, arm: StationArm) -> MotionBox:
-    """Return where an arm moves during calibration; raise InvalidInput if its station does not say."""
-    if arm.calibration is None:
-        raise InvalidInput(
-            f"station {station!r}",
-            f"does not define where arm {name!r} moves during calibration",
-            f"add 'calibration' to [arms.{name}]",
-        )
-    return arm.calibration
+    told = f"{len(q_cmd)} commands for {name} ({model.name}), the first two without a measurement; saved {out}"
+    return Result({"arm": name, "q_cmd": q_cmd.tolist(), "out": str(out)}, [told])
 
 
 def prior(
     recordings: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of instruments, in any session.")
+        list[Path], Argument(metavar="RECORDING...", help="Recordings of instruments, in any session.")
     ],
     *,
-    out: Annotated[Path, typer.Option(metavar="PRIOR", help="File to write (.npz).")],
+    out: Annotated[Path, Option(metavar="PRIOR", help="File to write (.npz).")],
 ) -> Result:
     """Learn from recordings what instruments have in common, for fits on short ones.
 
@@ -252,6 +223,5 @@ def prior(
     with waiting(f"learning from {counted(len(recordings), 'recording')}"):
         learned = learn_prior([load_recording(path) for path in recordings])
     learned.save(out)
-    return Result(
-        {"sources": learned.sources, "out": str(out)}, [f"learned from {', '.join(learned.sources)}; saved {out}"]
-    )
+    told = f"learned from {', '.join(learned.sources)}; saved {out}"
+    return Result({"sources": learned.sources, "out": str(out)}, [told])

@@ -12,7 +12,7 @@ CALIBRATE = {
     ),
     "cache": Known(
         "List the fitted cable models that runs share, or remove them.",
-        "trocar.cli.methods:cache",
+        "trocar.cli.installed:cache",
         "trocar calibrate cache --empty",
     ),
     "apply": Known(
@@ -47,7 +47,7 @@ PLAN = {
         "Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.",
         "trocar.cli.plan:transfer",
         "trocar plan transfer waypoints.npy --planner spline",
-    ),
+    )
 }
 
 REGISTER = {
@@ -65,9 +65,7 @@ REGISTER = {
 
 STATION = {
     "list": Known(
-        "List the stations that come with the package.",
-        "trocar.cli.station:list_stations",
-        "trocar station list",
+        "List the stations that come with the package.", "trocar.cli.station:list_stations", "trocar station list"
     ),
     "show": Known(
         "Show what a station consists of.",
@@ -88,11 +86,11 @@ STATION = {
 
 COMMANDS = {
     "run": Known(
-        "Run trials of a task in the simulated cell, score them, and keep files and pictures.", "trocar.cli.run:app"
+        "Run trials of a task in the simulated cell, score them, and keep files and pictures.", "trocar.cli.run:RUN"
     ),
     "methods": Known(
         "Print what each method of a task is made of, what it costs before the first trial, and its settings.",
-        "trocar.cli.methods:methods",
+        "trocar.cli.installed:methods",
         "trocar methods peg-transfer",
     ),
     "report": Known(
@@ -120,10 +118,10 @@ COMMANDS = {
         members=REGISTER,
     ),
     "station": Known("What a laboratory is: arms, instruments, cameras, what is fixed on the table.", members=STATION),
-    "study": Known("Reproduce a paper's table beside the paper's own figures.", "trocar.cli.study:app"),
+    "study": Known("Reproduce a paper's table beside the paper's own figures.", "trocar.cli.run:STUDY"),
     "sweep": Known(
         "Run methods against flaws of several sizes, in the sessions of several seeds: one table and one picture.",
-        "trocar.cli.study:sweep",
+        "trocar.cli.run:sweep",
         "trocar sweep examples/sweep.toml --out out/sweep",
     ),
     "analyse": Known(
@@ -133,7 +131,7 @@ COMMANDS = {
     ),
     "doctor": Known(
         "List what is installed, which optional parts are missing, and what to type next.",
-        "trocar.cli.doctor:doctor",
+        "trocar.cli.installed:doctor",
         "trocar doctor",
     ),
 }

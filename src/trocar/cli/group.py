@@ -1,7 +1,7 @@
-"""Groups of commands, each imported when it is called, and the options and the printing that all commands share.
+"""Commands and groups of commands, each imported when it is called, and the options and the printing that all share.
 
-A command is a function whose parameters are its options. It returns a :class:`Result`, which is printed as text or,
-with ``--json``, as one JSON object; so no command prints for itself. Other packages add commands by entry points.
+A command is a function whose typed parameters are its options. It returns a :class:`Result`, which is printed as text
+or, with ``--json``, as one JSON object. Other packages add commands by entry points.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from trocar.cli.options import JsonFlag, Plugins, quiet_option
+from trocar.cli.options import JsonFlag, Plugins, Quiet
 from trocar.cli.terminal import details, results
 from trocar.errors import InvalidValue, UnknownName
 from trocar.registry import Lazy, Registry
@@ -60,7 +60,7 @@ class Known:
 
     Attributes:
         about: one line for the list of commands; for a group, all that its help says.
-        where: ``module:name`` of its function, or of a Typer app; empty for a group.
+        where: ``module:name`` of its function, or of a :class:`Group`; empty for a group of these ``members``.
         example: a line that calls it.
         members: of a group, by name.
     """
@@ -71,7 +71,7 @@ class Known:
     members: Mapping[str, Known] = field(default_factory=dict)
 
 
-COMMANDS: Registry[Known | typer.Typer] = Registry("command", "trocar.commands")
+COMMANDS: Registry[Known] = Registry("command", "trocar.commands")
 """Commands from elsewhere as ``GROUP.NAME``. Tasks add their own commands this way."""
 
 
@@ -98,23 +98,22 @@ class Command(TyperCommand):
             raise InvalidValue(error.param.opts[0], repr(failed[0]["input"]), should) from None
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments and options, group by group, in the order in which the groups first appear."""
-        groups: dict[str, list[tuple[str, str]]] = {}
+        """Write arguments and options, section by section, in the order in which these first appear."""
+        sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:
                 usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
-                groups.setdefault(getattr(parameter, "rich_help_panel", None) or usual, []).append(record)
-        for name, records in groups.items():
+                sections.setdefault(getattr(parameter, "rich_help_panel", None) or usual, []).append(record)
+        for name, records in sections.items():
             with formatter.section(name):
                 formatter.write_dl(records)
 
 
 class Deferred(TyperCommand):
-    """A command known by name and one line, imported when it is needed."""
+    """A command or group known by name and one line, imported when it is needed: then ``load`` returns it."""
 
     def __init__(self, name: str, about: str, load: Callable[[], Any]) -> None:
-        """Take the name, the line, and a function that returns the command itself."""
         super().__init__(name, callback=None, help=about)
         self.load = load
 
@@ -129,26 +128,15 @@ class Deferred(TyperCommand):
 
 
 class Group(TyperGroup):
-    """A group of known members that also has the commands registered under its name.
+    """A group of known members that also has the commands registered under its name."""
 
-    Attributes:
-        members: by name; set by a subclass, or by the code that makes the group.
-    """
-
-    members: Mapping[str, Known]
-
-    def __init__(self, *, members: Mapping[str, Known] | None = None, **rest: Any) -> None:
-        super().__init__(**rest)
-        if members is not None:
-            self.members = members
-
-    def get_short_help_str(self, limit: int = 45) -> str:
-        """Return its whole description."""
-        del limit
-        return self.help or ""
+    def __init__(self, name: str, about: str, members: Mapping[str, Known], **rest: Any) -> None:
+        super().__init__(name=name, **{"help": about, "no_args_is_help": True, "rich_markup_mode": None, **rest})
+        self.members = members
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands."""
+        del ctx
         prefix = f"{self.name}."
         return [*self.members, *(name.removeprefix(prefix) for name in COMMANDS if name.startswith(prefix))]
 
@@ -162,57 +150,44 @@ class Group(TyperGroup):
         known = COMMANDS[added] if added in COMMANDS else self.members.get(cmd_name)
         if known is None:
             raise UnknownName("command", cmd_name, self.list_commands(ctx))
-        if isinstance(known, typer.Typer):
-            return command_of(cmd_name, known)
-        if known.members:
-            return Group(
-                name=cmd_name, members=known.members, help=known.about, no_args_is_help=True, rich_markup_mode=None
-            )
-        return Deferred(cmd_name, known.about, lambda: command_of(cmd_name, Lazy(known.where).load(), known.example))
+
+        def load() -> Any:
+            found = Lazy(known.where).load() if known.where else Group(cmd_name, known.about, known.members)
+            return found if isinstance(found, Group) else command_of(cmd_name, found, known.example)
+
+        return Deferred(cmd_name, known.about, load)
 
 
-def command_of(name: str, found: Callable[..., Result | None] | typer.Typer, example: str = "") -> Any:
-    """Return the command of a function or of a Typer app, with the options that every command has.
+def command_of(name: str, function: Callable[..., Result | None], example: str) -> Any:
+    """Return the command of a function, with ``--plugin``, ``--quiet`` and ``--json``, which print what it returns.
+
+    A function that takes one of these options itself keeps it; one that returns nothing has no ``--json``.
 
     Args:
         name: of the command.
-        found: the function, with its options as parameters, or the app, which prints for itself.
-        example: a line that calls it; an app has its own.
+        function: its parameters are the options.
+        example: a line that calls it.
     """
-    app = found
-    if not isinstance(app, typer.Typer):
-        app = typer.Typer(rich_markup_mode=None, add_completion=False)
-        app.command(name, cls=Command, epilog=f"Example: {example}")(_printing(found))  # type: ignore[arg-type]
-    made: Any = get_command(app)
-    made.name = name
-    if not isinstance(made, TyperGroup):
-        made.params.append(quiet_option())
-    return made
-
-
-def _printing(found: Callable[..., Result | None]) -> Callable[..., None]:
-    """Return a function that prints what another one returns, with ``--plugin`` and ``--json``.
-
-    A function that takes one of these options itself keeps it; one that returns nothing has no ``--json``.
-    """
-    signature = inspect.signature(found, eval_str=True)
-    shared = {"plugin": Plugins} | ({"as_json": JsonFlag} if signature.return_annotation is Result else {})
-    added = [
-        inspect.Parameter(
-            option, inspect.Parameter.KEYWORD_ONLY, default=None if option == "plugin" else False, annotation=kind
-        )
-        for option, kind in shared.items()
-        if option not in signature.parameters
-    ]
-    names = {parameter.name for parameter in added}
+    signature = inspect.signature(function, eval_str=True)
+    shared: dict[str, tuple[Any, Any]] = {"plugin": (Plugins, None)}
+    if signature.return_annotation is Result:
+        shared["as_json"] = (JsonFlag, False)
+    shared["quiet"] = (Quiet, False)
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    parameters = [parameter.replace(kind=keyword) for parameter in signature.parameters.values()]
+    added = [name for name in shared if name not in signature.parameters]
+    for option in added:
+        kind, default = shared[option]
+        parameters.append(inspect.Parameter(option, keyword, default=default, annotation=kind))
 
     def command(**given: Any) -> None:
-        result = found(**{option: value for option, value in given.items() if option not in names})
+        result = function(**{option: value for option, value in given.items() if option not in added})
         if result is not None:
             result.show(given.get("as_json", False))
 
-    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in signature.parameters.values()]
-    command.__signature__ = inspect.Signature([*parameters, *added])  # type: ignore[attr-defined]
-    command.__annotations__ = {p.name: p.annotation for p in [*parameters, *added]}
-    command.__doc__ = found.__doc__
-    return command
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    command.__doc__ = function.__doc__
+    app = typer.Typer(rich_markup_mode=None, add_completion=False)
+    app.command(name, cls=Command, epilog=f"Example: {example}")(command)
+    return get_command(app)

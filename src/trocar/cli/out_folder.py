@@ -93,21 +93,11 @@ def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequenc
 def require_file(
     option: str, path: Path, kind: str, suffixes: Sequence[str], inputs: Sequence[str | Path] = (), mark: str = ""
 ) -> None:
-    """Raise a sentence unless a file can be written; check this before a long computation.
+    """Raise a sentence unless the file that an option names can be written, of this kind, with one of these suffixes.
 
-    Args:
-        option: that names it.
-        path: of the file.
-        kind: of the file.
-        suffixes: that its name may have.
-        inputs: files that are read.
-        mark: of its kind, if not the usual one.
+    ``inputs`` are files that are read, and ``mark`` is that of the kind if not the usual one, as in ``require_place``.
     """
     if path.suffix not in suffixes or not path.parent.is_dir():
-        raise BadFile(
-            path,
-            f"must end in {', '.join(suffixes)} and lie in a folder that exists",
-            "choose another name",
-            kind=f"{option}: file",
-        )
+        problem = f"must end in {', '.join(suffixes)} and lie in a folder that exists"
+        raise BadFile(path, problem, "choose another name", kind=f"{option}: file")
     require_place(path, kind, inputs, mark)

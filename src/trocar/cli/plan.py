@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
+from typer import Argument, Option
 
 from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.cli.group import Result
@@ -18,7 +18,7 @@ from trocar.cli.terminal import rich_table
 from trocar.errors import BadFile, InvalidInput, TrocarError, UnknownName
 from trocar.files.archive import Archive
 from trocar.files.output import write_table
-from trocar.files.reading import read_arrays
+from trocar.files.reading import read_numbers
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
 from trocar.trajectory import Trajectory
 
@@ -37,22 +37,20 @@ reach q3 = 0.2403 m, beyond the nominal 0.24 m. The command prints how much of i
 
 def transfer(
     waypoints: Annotated[
-        Path, typer.Argument(help=".npy of shape (4, 6) or (n, 4, 6), or .npz with `waypoints`; rad and m.")
+        Path, Argument(help=".npy of shape (4, 6) or (n, 4, 6), or .npz with `waypoints`; rad and m.")
     ],
-    planner: Annotated[str, typer.Option(help=f"How the motion is found: {', '.join(PLANNERS)}.")] = "spline",
-    arm: Annotated[str, typer.Option(help=f"Whose kinematics and joint ranges: {', '.join(ARMS)}.")] = "psm-classic",
-    limits: Annotated[
-        str, typer.Option(help=f"Limits of velocity and acceleration: {', '.join(MOTION_LIMITS)}.")
-    ] = "paper",
-    up: Annotated[tuple[float, float, float], typer.Option(help="Direction of the pegs in the arm's base frame.")] = (
+    planner: Annotated[str, Option(help=f"How the motion is found: {', '.join(PLANNERS)}.")] = "spline",
+    arm: Annotated[str, Option(help=f"Whose kinematics and joint ranges: {', '.join(ARMS)}.")] = "psm-classic",
+    limits: Annotated[str, Option(help=f"Limits of velocity and acceleration: {', '.join(MOTION_LIMITS)}.")] = "paper",
+    up: Annotated[tuple[float, float, float], Option(help="Direction of the pegs in the arm's base frame.")] = (
         0.0,
         0.0,
         1.0,
     ),
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Save the motions, sample by sample: .csv or .npz.")
+        Path | None, Option(metavar="FILE", help="Save the motions, sample by sample: .csv or .npz.")
     ] = None,
-    step_ms: Annotated[float, typer.Option(help="Time between samples in that file.")] = 10.0,
+    step_ms: Annotated[float, Option(help="Time between samples in that file.")] = 10.0,
 ) -> Result:
     """Plan transfers through four waypoints each: grasp, lifted, over the target, lowered.
 
@@ -146,27 +144,12 @@ def _write(path: Path, motions: Sequence[Trajectory], joints: Sequence[str], ste
 
 def _load(path: Path) -> NDArray[np.float64]:
     """Return the waypoints of a file as (n, 4, 6)."""
-    remedy = "give a .npy or .npz with waypoints"
-    if path.is_dir():
-        raise BadFile(path, "is a folder", remedy)
-    if not path.is_file():
-        raise BadFile(path, "does not exist", remedy, kind="file")
-    try:
-        arrays = read_arrays(path)
-        if not arrays.keys() & {"", "waypoints"}:
-            raise BadFile(path, f"holds {sorted(arrays)} but no array 'waypoints'", "save one of that name")
-        loaded = arrays[""] if "" in arrays else arrays["waypoints"]
-        values = loaded.astype(np.float64, casting="same_kind")
-    except TrocarError:
-        raise
-    except (OSError, ValueError, TypeError):
-        raise BadFile(path, "cannot be read as a .npy or .npz of numbers", "save the waypoints again") from None
-    if values.ndim == 2:
-        values = values[None]
-    if values.ndim != 3 or values.shape[1:] != (4, 6) or not len(values):
+    values = read_numbers(path, "waypoints", "waypoints")
+    found = values[None] if values.ndim == 2 else values
+    if found.ndim != 3 or found.shape[1:] != (4, 6) or not len(found):
         needs = "a transfer needs (4, 6) or (n, 4, 6): grasp, lifted, over the target, lowered, six joints each"
-        raise BadFile(path, f"has shape {np.shape(loaded)}", needs)
-    return values
+        raise BadFile(path, f"has shape {values.shape}", needs)
+    return found
 
 
 def _lines(summary: dict[str, Any]) -> list[Any]:

@@ -5,84 +5,29 @@ A terminal shows bars; if stderr is a file or a pipe, there is a line every ten 
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 from threading import Event, Thread
-from typing import Any, Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from trocar.cli.terminal import beside
+from trocar.counting import Tick, untold
 
-COLUMNS = (
-    TextColumn("{task.description}"),
-    BarColumn(),
-    MofNCompleteColumn(),
-    TimeElapsedColumn(),
-    TextColumn("left"),
-    TimeRemainingColumn(),
-)
 SPEED_FROM_S = 600.0
 """The time left is estimated from the speed over this many past seconds; a trial takes minutes."""
 FIRST_S, EVERY_S = 0.8, 10.0
 """Time before the first line, and between two lines."""
-
-
-class Tick(Protocol):
-    """Reports how far a piece of work has come."""
-
-    def __call__(self, work: str, done: int, total: int | None, now: str = "") -> None:
-        """Show it.
-
-        Args:
-            work: its name, plural for a number of things; another name gets another bar.
-            done: how much of it is done.
-            total: how much there is; None: unknown.
-            now: what is being done at the moment.
-        """
-
-
-class Lines:
-    """Progress in plain lines.
-
-    Args:
-        clock: returns the seconds of a monotonic clock.
-    """
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._work, self._now = "", ""
-        self._done = self._first = 0
-        self._total: int | None = None
-        self._began_s = clock()
-
-    def tick(self, work: str, done: int, total: int | None, now: str = "") -> None:
-        """Note how far a piece of work has come."""
-        if work != self._work:
-            self._began_s, self._first = self._clock(), done
-        self._work, self._done, self._total, self._now = work, done, total, now
-
-    def line(self) -> str:
-        """Return a line with how far the work has come, how long it took and how long the rest will take."""
-        if not self._work:
-            return ""
-        took_s = self._clock() - self._began_s
-        said = [self._work if self._total is None else f"{self._work}: {self._done} of {self._total}"]
-        said += [self._now] if self._now else []
-        said.append(f"{_clock_time(took_s)} so far")
-        if self._total is not None and self._done > self._first:
-            left = (self._total - self._done) / (self._done - self._first)
-            said.append(f"about {_clock_time(took_s * left)} left")
-        return ", ".join(said)
-
-
-def _clock_time(seconds: float) -> str:
-    """Return seconds as minutes and seconds, or hours, minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 @contextmanager
@@ -90,60 +35,66 @@ def progress() -> Iterator[Tick]:
     """Show the progress of work; yield the function to call with it."""
     console = beside()
     if console.quiet:
-        yield _untold
-    elif console.is_terminal:
-        with _bars(console) as tick:
-            yield tick
-    else:
-        with _lines(console) as tick:
-            yield tick
-
-
-@contextmanager
-def waiting(what: str) -> Iterator[Callable[[str], None]]:
-    """Show that something is running whose duration is unknown; yield a function to call with what it is doing."""
-    console = beside()
-    if console.is_terminal and not console.quiet:
-        with console.status(what) as status:
-            yield lambda now: status.update(f"{what}: {now}")
+        yield untold
         return
-    with progress() as tick:
-        tick(what, 0, None)
-        yield lambda now: tick(what, 0, None, now)
+    bar = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    shown = Progress(
+        TextColumn("{task.description}"),
+        *bar,
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+        speed_estimate_period=SPEED_FROM_S,
+    )
+    tasks: dict[str, Task] = {}
 
+    def tick(work: str, done: int, total: int | None, now: str = "") -> None:
+        if work not in tasks:
+            number = shown.add_task(work, total=total, completed=done)
+            tasks[work] = next(task for task in shown.tasks if task.id == number)
+        tasks[work] = tasks.pop(work)  # the last one is what is being done
+        shown.update(tasks[work].id, completed=done, total=total, description=now or work)
 
-def _untold(work: str, done: int, total: int | None, now: str = "") -> None:
-    """Show nothing."""
-
-
-@contextmanager
-def _bars(console: Console) -> Iterator[Tick]:
-    with Progress(*COLUMNS, console=console, transient=True, speed_estimate_period=SPEED_FROM_S) as shown:
-        bars: dict[str, Any] = {}
-
-        def tick(work: str, done: int, total: int | None, now: str = "") -> None:
-            if work not in bars:
-                bars[work] = shown.add_task(work, total=total, completed=done)
-            shown.update(bars[work], completed=done, total=total, description=now or work)
-
+    with shown, _lines(console, tasks):
         yield tick
 
 
 @contextmanager
-def _lines(console: Console) -> Iterator[Tick]:
-    lines, ended = Lines(), Event()
+def waiting(what: str) -> Iterator[None]:
+    """Show that something is running whose duration is unknown."""
+    with progress() as tick:
+        tick(what, 0, None)
+        yield
+
+
+def line_of(work: str, task: Task) -> str:
+    """Return a line with how far a piece of work has come, how long it took and how long the rest will take."""
+    said = [work if task.total is None else f"{work}: {task.completed:.0f} of {task.total:.0f}"]
+    said += [task.description] if task.description != work else []
+    said.append(f"{timedelta(seconds=round(task.elapsed or 0.0))} so far")
+    if task.time_remaining:
+        said.append(f"about {timedelta(seconds=round(task.time_remaining))} left")
+    return ", ".join(said)
+
+
+@contextmanager
+def _lines(console: Console, tasks: dict[str, Task]) -> Iterator[None]:
+    """Where there is no terminal, write a line about the last task now and then."""
+    ended = Event()
 
     def tell() -> None:
         wait_s = FIRST_S
         while not ended.wait(wait_s):
-            if line := lines.line():
-                console.print(line, soft_wrap=True, markup=False, highlight=False)
+            if tasks:
+                console.print(line_of(*list(tasks.items())[-1]), soft_wrap=True, markup=False, highlight=False)
                 wait_s = EVERY_S
 
     teller = Thread(target=tell, daemon=True)
-    teller.start()
+    if not console.is_terminal:
+        teller.start()
     try:
-        yield lines.tick
+        yield
     finally:
         ended.set()
-        teller.join()
+        if teller.is_alive():
+            teller.join()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
+from typer import Argument, Option
 
 from trocar.cli.group import Result
 from trocar.cli.options import Seed, StationName, need
@@ -16,11 +16,8 @@ from trocar.cli.out_folder import check_out_folder
 from trocar.cli.progress import progress
 from trocar.errors import BadFile, InvalidInput, InvalidValue
 from trocar.files.output import PICTURE, make_folder, write_json, write_text
-from trocar.files.reading import read_arrays
+from trocar.files.reading import read_numbers
 from trocar.geometry import fit_rigid
-
-if TYPE_CHECKING:
-    from trocar.collect.checkerboard import CellRegistration
 
 STATION, REPORT = "station", "report of a registration"
 FILES = {"station.toml": STATION, "report.json": REPORT, "corners.png": PICTURE}
@@ -28,12 +25,11 @@ FILES = {"station.toml": STATION, "report.json": REPORT, "corners.png": PICTURE}
 
 
 def points(
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT.npy", help="(n, 3) points in the robot's base, m.")],
-    camera: Annotated[Path, typer.Argument(metavar="CAMERA.npy", help="(n, 3) same points in the camera, m.")],
+    robot: Annotated[Path, Argument(metavar="ROBOT.npy", help="(n, 3) points in the robot's base, m.")],
+    camera: Annotated[Path, Argument(metavar="CAMERA.npy", help="(n, 3) same points in the camera, m.")],
     *,
     inlier_mm: Annotated[
-        float | None,
-        typer.Option(metavar="MM", help="Leave out pairs farther apart than this (RANSAC). Default: keep all."),
+        float | None, Option(metavar="MM", help="Leave out pairs farther apart than this (RANSAC). Default: keep all.")
     ] = None,
     seed: Seed = 0,
 ) -> Result:
@@ -42,11 +38,8 @@ def points(
         raise InvalidValue("--inlier-mm", inlier_mm, "give a distance above 0 mm")
     p_robot, p_camera = _points(robot), _points(camera)
     if p_robot.shape != p_camera.shape:
-        raise InvalidInput(
-            str(robot),
-            f"has shape {p_robot.shape} and {camera} {p_camera.shape}",
-            "give the same n points (n, 3) in both, in the same order",
-        )
+        problem = f"has shape {p_robot.shape} and {camera} {p_camera.shape}"
+        raise InvalidInput(str(robot), problem, "give the same n points (n, 3) in both, in the same order")
     inlier_m = None if inlier_mm is None else inlier_mm / 1000
     fit = fit_rigid(p_camera, p_robot, inlier_distance_m=inlier_m, rng=np.random.default_rng(seed))
     pose, inliers = fit.T_target_source.matrix, int(fit.inliers.sum())
@@ -61,26 +54,11 @@ def points(
 
 
 def _points(path: Path) -> NDArray[np.float64]:
-    """Return the array of numbers in a .npy file."""
-    remedy = "give a .npy file of (n, 3) points in m"
-    if path.is_dir():
-        raise BadFile(path, "is a folder", remedy)
-    if not path.is_file():
-        raise BadFile(path, "does not exist", remedy, kind="file")
-    try:
-        found = read_arrays(path)[""].astype(np.float64, casting="safe")
-    except (ValueError, OSError, TypeError, KeyError):
-        raise BadFile(
-            path, "is not a readable .npy array", "save (n, 3) points in m with numpy.save", kind="file"
-        ) from None
+    found = read_numbers(path, "(n, 3) points in m")
     bad = np.flatnonzero(~np.isfinite(found).all(axis=tuple(range(1, found.ndim)))) if found.ndim else []
     if len(bad):
-        raise BadFile(
-            path,
-            f"holds NaN or infinity, first in row {bad[0]}",
-            "remove such rows from both files",
-            kind="file",
-        )
+        problem = f"holds NaN or infinity, first in row {bad[0]}"
+        raise BadFile(path, problem, "remove such rows from both files", kind="file")
     return found
 
 
@@ -89,55 +67,40 @@ def cell(
     *,
     seed: Seed = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for the files; default out/registration-STATION-SEED.")
+        Path | None, Option(metavar="DIR", help="Folder for the files; default out/registration-STATION-SEED.")
     ] = None,
 ) -> Result:
     """Register a simulated cell with a checkerboard: lenses, camera and bases; print errors against the truth."""
-    need("sim", "mujoco", "cv2")
+    need("sim")
     folder = out or Path("out") / f"registration-{Path(station).stem}-{seed}"
     check_out_folder(folder, FILES, [station])
     began = time.perf_counter()
-    found = _register(station, seed)
-    summary = {"station": station, "seed": seed, **found.summary()}
-    files = _write(found, station, summary, folder)
-    from trocar.collect.checkerboard import registration_table  # slow to import
-
-    return Result(
-        summary,
-        [
-            f"lenses from {summary['views_used']} of {summary['views_shown']} views: {summary['lenses_rms_px']:.3f} px "
-            f"RMS; {summary['minutes_of_a_person']:.0f} min of a person's time; computed in "
-            f"{time.perf_counter() - began:.0f} s",
-            "files: " + ", ".join(map(str, files)),
-        ],
-        [registration_table(summary)],
+    from trocar.collect.checkerboard import (  # the simulator is heavy
+        checkerboard_of,
+        draw_registration,
+        register_cell,
+        registration_table,
     )
-
-
-def _register(station: str, seed: int) -> CellRegistration:
-    from trocar.collect.checkerboard import checkerboard_of, register_cell  # the simulator is heavy
-    from trocar.lab import load_station
+    from trocar.lab import load_station, station_text
+    from trocar.lab.station_file import with_registered
 
     loaded = load_station(station)
     checkerboard_of(loaded)  # raises before a progress bar is drawn
     with progress() as tick:
-
-        def listen(done: int, total: int) -> None:
-            tick("images of the board", done, total)
-
-        return register_cell(loaded, np.random.SeedSequence(seed), listener=listen)
-
-
-def _write(found: CellRegistration, station: str, summary: dict[str, Any], folder: Path) -> list[Path]:
-    """Write station, report and picture; return their paths."""
-    from trocar.collect.checkerboard import draw_registration
-    from trocar.lab import station_text
-    from trocar.lab.station_file import with_registered
-
+        seeds = np.random.SeedSequence(seed)
+        found = register_cell(loaded, seeds, listener=lambda done, total: tick("images of the board", done, total))
+    summary = {"station": station, "seed": seed, **found.summary()}
     text, report, picture = (folder / name for name in FILES)
     cameras = {found.camera: (found.T_world_camera, found.calibration.rig)}
     written = with_registered(station_text(station), found.T_world_base, cameras)
     make_folder(folder)
     write_text(text, written, STATION)
     write_json(report, summary, REPORT)
-    return [text, report, draw_registration(found, picture)]
+    draw_registration(found, picture)
+    lines = [
+        f"lenses from {summary['views_used']} of {summary['views_shown']} views: {summary['lenses_rms_px']:.3f} px "
+        f"RMS; {summary['minutes_of_a_person']:.0f} min of a person's time; computed in "
+        f"{time.perf_counter() - began:.0f} s",
+        f"files: {text}, {report}, {picture}",
+    ]
+    return Result(summary, lines, [registration_table(summary)])

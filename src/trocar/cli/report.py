@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from trocar.cli.group import Result
 from trocar.cli.options import JsonFlag, need
@@ -23,20 +24,18 @@ if TYPE_CHECKING:
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder of a run.")],
     *,
-    session: Annotated[int, typer.Option(metavar="S", help="Session of --trial, as in the name of its folder.")] = 0,
+    session: Annotated[int, Option(metavar="S", help="Session of --trial, as in the name of its folder.")] = 0,
     trial: Annotated[
         int | None,
-        typer.Option(
+        Option(
             metavar="K",
             help="Report only on this trial, as in the name of its file; writes into a folder beside it.",
             show_default="all trials; pictures of the first",
         ),
     ] = None,
-    video: Annotated[
-        bool, typer.Option("--video", help="Also make a short animation of the trial, video.webp.")
-    ] = False,
+    video: Annotated[bool, Option("--video", help="Also make a short animation of the trial, video.webp.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
@@ -55,13 +54,9 @@ def _draw_video(folder: Path, place: tuple[int, int] | None) -> None:
     from trocar.report.stills import draw_video
 
     trial = Trial.load(trial_file(folder, *place)) if place else load_trials(folder)[0][0]
+    path = (trial_file(folder, *place).with_suffix("") if place else folder) / "video.webp"
     with progress() as tick:
-        path = draw_video(
-            trial,
-            (trial_file(folder, *place).with_suffix("") if place else folder) / "video.webp",
-            report_of(trial),
-            lambda done, total: tick("frames of video.webp", done, total),
-        )
+        draw_video(trial, path, report_of(trial), lambda done, total: tick("frames of video.webp", done, total))
     beside().print(f"video: {path}", soft_wrap=True)
 
 
@@ -154,21 +149,19 @@ def _show(
 
 
 def view(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder of a run.")],
     *,
-    session: Annotated[int, typer.Option(metavar="S", help="Session, as in the name of its folder.")] = 0,
-    trial: Annotated[int, typer.Option(metavar="K", help="Trial, as in the name of its file.")] = 0,
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port of the page; if it is taken, the next free one.")
-    ] = 8080,
-    open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")] = True,
+    session: Annotated[int, Option(metavar="S", help="Session, as in the name of its folder.")] = 0,
+    trial: Annotated[int, Option(metavar="K", help="Trial, as in the name of its file.")] = 0,
+    port: Annotated[int, Option(min=0, max=65535, help="Port of the page; if it is taken, the next free one.")] = 8080,
+    open_browser: Annotated[bool, Option("--open/--no-open", help="Open a browser.")] = True,
 ) -> None:
     """Show a saved trial in 3D in the browser: where arms and objects were, what the scripts did, what cameras saw.
 
     The page shows planned and driven paths of the tips and the contacts, and beside them the scripts' time line, the
     last camera image, and asked, commanded, measured and true joints. Only this machine can open it; Ctrl-C ends.
     """
-    need("view", "viser")
+    need("view")
     from trocar.eval.trial import Trial  # SciPy only when needed
 
     replay = Trial.load(trial_in(folder, session, trial)).replay()
@@ -206,12 +199,10 @@ def trial_in(folder: Path, session: int, number: int) -> Path:
 
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, or the file of one trial.")],
+    run: Annotated[Path, Argument(metavar="DIR", help="Folder of a run, or the file of one trial.")],
     *,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the tables.")],
-    format: Annotated[
-        str, typer.Option(metavar="csv|parquet", help="Format of the tables; parquet needs pyarrow.")
-    ] = "csv",
+    out: Annotated[Path, Option(metavar="FOLDER", help="Folder for the tables.")],
+    format: Annotated[str, Option(metavar="csv|parquet", help="Format of the tables; parquet needs pyarrow.")] = "csv",
 ) -> Result:
     """Write saved trials as flat tables: trials, goals, spans, events, collisions, and what was sampled at 100 Hz.
 
@@ -225,13 +216,13 @@ def export(
         beside().print(sentence, soft_wrap=True)
     with progress() as tick:
         written = export_trials(trials, out, format, lambda done, total: tick("writing tables", done=done, total=total))
-    tables = {
-        str(table.path.relative_to(out)): {"rows": table.rows, "columns": list(table.columns)} for table in written
-    }
-    samples = [table for table in written if table.path.parent != out]
-    lines = [
-        f"{table.path}: {table.rows} rows of {len(table.columns)} columns" for table in written if table not in samples
-    ]
+    tables, samples, lines = {}, [], []
+    for table in written:
+        tables[str(table.path.relative_to(out))] = {"rows": table.rows, "columns": list(table.columns)}
+        if table.path.parent != out:
+            samples.append(table)
+        else:
+            lines.append(f"{table.path}: {table.rows} rows of {len(table.columns)} columns")
     rows, count = sum(table.rows for table in samples), len(samples[0].columns)
     lines.append(f"{samples[0].path.parent}: {len(samples)} tables, {rows} rows of {count} columns in all")
     return Result({"out": str(out), "trials": len(trials), "left_aside": strange, "tables": tables}, lines)

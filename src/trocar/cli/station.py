@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from trocar.cli.group import Result
 from trocar.cli.options import Seed, StationName, need
@@ -33,7 +33,7 @@ def list_stations() -> Result:
 def show(
     station: StationName,
     *,
-    toml: Annotated[bool, typer.Option("--toml", help="Print the file itself, to start your own from.")] = False,
+    toml: Annotated[bool, Option("--toml", help="Print the file itself, to start your own from.")] = False,
 ) -> Result:
     """Show what a station consists of."""
     from trocar.lab import load_station, station_text
@@ -46,22 +46,17 @@ def show(
         (name, arm.model.name, arm.model.instrument.name, arm.transmission_name, _mm(arm.T_world_base))
         for name, arm in found.arms.items()
     ]
+    columns = ("arm", "model", "instrument", "transmission", "base x y z mm")
+    lines: list[Any] = [rich_table(f"{found.name}: {found.about}", columns, arms)]
+    for name, camera in found.cameras.items():
+        lines.append(f"camera {name}: {values['cameras'][name]['kind']}, at {_mm(camera.T_world_camera)} mm")
+    lines += [f"fixture {name}: at {_mm(T)} mm" for name, T in found.T_world_fixture.items()]
     level = ", ".join([found.difficulty.level, *found.difficulty.named])
-    return Result(
-        values,
-        [
-            rich_table(
-                f"{found.name}: {found.about}", ("arm", "model", "instrument", "transmission", "base x y z mm"), arms
-            ),
-            *(
-                f"camera {name}: {camera['kind']}, at {_mm(found.cameras[name].T_world_camera)} mm"
-                for name, camera in values["cameras"].items()
-            ),
-            *(f"fixture {name}: at {_mm(T)} mm" for name, T in found.T_world_fixture.items()),
-            f"registration of bases: {found.registration.about}",
-            f"difficulty: {level}; --json has the size of every flaw",
-        ],
-    )
+    lines += [
+        f"registration of bases: {found.registration.about}",
+        f"difficulty: {level}; --json has the size of every flaw",
+    ]
+    return Result(values, lines)
 
 
 def check(station: StationName) -> Result:
@@ -71,22 +66,19 @@ def check(station: StationName) -> Result:
     found = load_station(station)
     wrong = check_station(found)
     end = counted(len(wrong), "finding") if wrong else "all is well"
-    return Result(
-        {"station": found.name, "ok": not wrong, "findings": wrong},
-        [*wrong, f"{found.name}: {end}"],
-        succeeded=not wrong,
-    )
+    summary = {"station": found.name, "ok": not wrong, "findings": wrong}
+    return Result(summary, [*wrong, f"{found.name}: {end}"], succeeded=not wrong)
 
 
 def export(
     station: StationName,
     *,
     mjcf: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the whole station for MuJoCo (.xml); needs extra 'sim'.")
+        Path | None, Option(metavar="FILE", help="Write the whole station for MuJoCo (.xml); needs extra 'sim'.")
     ] = None,
-    urdf: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write each type of arm there as URDF.")] = None,
+    urdf: Annotated[Path | None, Option(metavar="FOLDER", help="Write each type of arm there as URDF.")] = None,
     task: Annotated[
-        str, typer.Option(metavar="TASK", help="Put the objects of this task on the table.", show_default="nothing")
+        str, Option(metavar="TASK", help="Put the objects of this task on the table.", show_default="nothing")
     ] = "",
     seed: Seed = 0,
 ) -> Result:
@@ -95,20 +87,24 @@ def export(
     They are the nominal laboratory: bases as the file has them, joints that follow their commands, no cables, no flaws.
     The MJCF's key 'park' is where the arms rest.
     """
-    from trocar.lab import load_station  # SciPy only when needed
+    from trocar.arms.urdf import arm_urdf  # SciPy only when needed
+    from trocar.lab import load_station
 
     if mjcf is None and urdf is None:
-        raise InvalidInput(
-            "trocar station export", "has nothing to write", "give --mjcf FILE.xml, --urdf FOLDER, or both"
-        )
+        remedy = "give --mjcf FILE.xml, --urdf FOLDER, or both"
+        raise InvalidInput("trocar station export", "has nothing to write", remedy)
     if task and mjcf is None:
         raise InvalidInput("--task", "is for the whole station", "give --mjcf FILE.xml too")
     if mjcf is not None:
-        need("sim", "mujoco", "trio", "cv2")
+        need("sim")
         require_file("--mjcf", mjcf, MJCF, (".xml",), [station])
-    found = load_station(station)
-    files = [] if mjcf is None else [write_text(mjcf, f"{_mjcf(found, task, seed)}\n", MJCF)]
-    files += [] if urdf is None else _write_urdf(found, urdf)
+    found, files = load_station(station), []
+    if mjcf is not None:
+        files.append(write_text(mjcf, f"{_mjcf(found, task, seed)}\n", MJCF))
+    if urdf is not None:
+        make_folder(urdf)
+        types = {arm.name: arm for arm in found.models.values()}
+        files += [write_text(urdf / f"{name}.urdf", arm_urdf(arm), URDF) for name, arm in types.items()]
     lines = [f"wrote {file}" for file in files]
     if mjcf is not None:
         lines.append(f"open it: python -m mujoco.viewer --mjcf={mjcf}; load its key 'park', where the arms rest")
@@ -128,37 +124,25 @@ def _mjcf(station: Station, task: str, seed: int) -> str:
     return station_mjcf(there, chosen.world(chosen.scene(np.random.default_rng(seed), there)))
 
 
-def _write_urdf(station: Station, folder: Path) -> list[Path]:
-    """Write one file for each type of arm, named after it."""
-    from trocar.arms.urdf import arm_urdf
-
-    types = {arm.name: arm for arm in station.models.values()}
-    make_folder(folder)
-    return [write_text(folder / f"{name}.urdf", arm_urdf(arm), URDF) for name, arm in types.items()]
-
-
 def _values(station: Station) -> dict[str, Any]:
     from trocar.perception.image import StereoRig
 
+    arms, cameras = {}, {}
+    for name, arm in station.arms.items():
+        names = {
+            "model": arm.model.name,
+            "instrument": arm.model.instrument.name,
+            "transmission": arm.transmission_name,
+        }
+        arms[name] = {**names, "T_world_base": arm.T_world_base.matrix.tolist()}
+    for name, camera in station.cameras.items():
+        kind = "stereo" if isinstance(camera.model, StereoRig) else "rgbd"
+        cameras[name] = {"kind": kind, "T_world_camera": camera.T_world_camera.matrix.tolist()}
     return {
         "name": station.name,
         "about": station.about,
-        "arms": {
-            name: {
-                "model": arm.model.name,
-                "instrument": arm.model.instrument.name,
-                "transmission": arm.transmission_name,
-                "T_world_base": arm.T_world_base.matrix.tolist(),
-            }
-            for name, arm in station.arms.items()
-        },
-        "cameras": {
-            name: {
-                "kind": "stereo" if isinstance(camera.model, StereoRig) else "rgbd",
-                "T_world_camera": camera.T_world_camera.matrix.tolist(),
-            }
-            for name, camera in station.cameras.items()
-        },
+        "arms": arms,
+        "cameras": cameras,
         "T_world_fixture": {name: T.matrix.tolist() for name, T in station.T_world_fixture.items()},
         "min_distance_m": station.min_distance_m,
         "flaws": station.flaws(),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
+from typer import Option
 
 from trocar.cli.group import Result
 from trocar.cli.options import Seed
@@ -28,11 +28,10 @@ KIND = "study of calibration"
 def calibration(
     *,
     data: Annotated[
-        Path,
-        typer.Option(envvar="TROCAR_DATA", help="Folder with dvrk/trajectories, or of the recordings (.npz, .csv)."),
+        Path, Option(envvar="TROCAR_DATA", help="Folder with dvrk/trajectories, or of the recordings (.npz, .csv).")
     ] = Path("../shared/data"),
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Save summary.json and pictures here.")] = None,
-    lstm: Annotated[bool, typer.Option(help="Train the paper's network too (a minute or two).")] = True,
+    out: Annotated[Path | None, Option(metavar="DIR", help="Save summary.json and pictures here.")] = None,
+    lstm: Annotated[bool, Option(help="Train the paper's network too (a minute or two).")] = True,
     seed: Seed = 0,
 ) -> Result:
     """Print Table I of the paper and the errors of all cable models, from recordings of real arms."""

@@ -13,13 +13,8 @@ if TYPE_CHECKING:
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
-def is_quiet() -> bool:
-    """Return whether progress, tables and remarks are left out."""
-    return _QUIET.get()
-
-
 def be_quiet(wanted: bool) -> None:
-    """Leave them out from now on, or show them again."""
+    """Leave progress, tables and remarks out from now on, or show them again."""
     _QUIET.set(wanted)
 
 
@@ -30,12 +25,12 @@ def results() -> Console:
 
 def details() -> Console:
     """Return the console for what precedes the end of a long result: tables, remarks; silent with ``--quiet``."""
-    return _console(to_stderr=False, quiet=is_quiet())
+    return _console(to_stderr=False, quiet=_QUIET.get())
 
 
 def beside() -> Console:
     """Return the console for messages beside the result, on stderr; silent with ``--quiet``."""
-    return _console(to_stderr=True, quiet=is_quiet())
+    return _console(to_stderr=True, quiet=_QUIET.get())
 
 
 def _console(to_stderr: bool, quiet: bool) -> Console:

@@ -12,13 +12,9 @@ from typing import Any
 import numpy as np
 
 from trocar.calibration.excitation import WIDE_ROWS
-from trocar.calibration.fleet import load_prior
-from trocar.calibration.fleet.prior import BUILT_IN
-from trocar.calibration.models import MODELS
-from trocar.collect.motion import why_no_images
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.method import Method, pick_method, pick_perception
-from trocar.eval.task import TASKS, Task
+from trocar.eval.task import TASKS, Task, option
 from trocar.lab import Station, load_station
 from trocar.lab.flaws import DEFAULT, Difficulty
 from trocar.lab.station_file import station_digest
@@ -47,72 +43,73 @@ SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
 
 @dataclass(frozen=True, eq=False)
 class RunConfig:
-    """The configuration of a run; the same configuration writes the same trials.
+    """The configuration of a run of a task; the same configuration writes the same trials.
+
+    Its fields are the options of ``trocar run``: the text of each says what it does. An empty text means the default of
+    the task or of the method, which is then filled in.
 
     Attributes:
-        task: the task, with its options.
-        station: name of a built-in station or path of a TOML file; empty: the task's default station.
-        method: name of the method; empty: the task's first.
-        model: cable model of methods that compensate; empty: 'play'.
-        calibration: for methods that compensate: 'images' or 'joints'; empty: images, if they are possible for all
-            arms.
-        prior: for methods that compensate: 'none', or 'fleet' or a file, from which cable models start; they are then
-            fitted on a minute of wide swings, not on a long recording.
-        planner: of the motions; empty: the method's.
-        perception: what agents see with; empty: the method's.
-        settings: those of the method that differ from their defaults, as ``settle_s=.1``.
-        sessions: how many days are drawn, each registered and calibrated separately.
-        trials: in each session.
-        seed: of everything random.
-        new_session: mount the instruments again between calibration and trials.
-        refit_offsets: refit the model's offsets from 30 samples before the trials.
-        flawless_camera: switch the sensors' flaws off.
-        difficulty: how far the laboratory departs from what is known about it: 'mild', 'recorded' or 'harsh'.
-        flaws: those that are given their own size, as ``registration=1.0mm``.
-        plugins: files that were loaded for this run.
+        chosen_method: the method.
+        laboratory: the station as the task needs it.
+        arms: names of the arms that work.
     """
 
     task: Task
-    station: str = ""
-    method: str = ""
-    model: str = ""
-    calibration: str = ""
-    prior: str = NO_PRIOR
-    planner: str = ""
-    perception: str = ""
-    settings: tuple[str, ...] = ()
-    sessions: int = 1
-    trials: int = 1
-    seed: int = 0
-    new_session: bool = False
-    refit_offsets: bool = False
-    flawless_camera: bool = False
-    difficulty: str = DEFAULT
-    flaws: tuple[str, ...] = ()
+    method: str = option("", "Which method does the task.", shown="the first")
+    model: str = option(
+        "", "Cable model of methods that compensate: play, lstm (the paper's), ridge, offset.", shown="play"
+    )
+    calibration: str = option(
+        "",
+        "What cable models are fitted on: images (of spheres on the arm) or joints (with drawn noise; fast).",
+        shown="images if the station's cameras allow it",
+    )
+    prior: str = option(
+        NO_PRIOR, "Fit on a minute of wide swings and what other instruments have in common.", metavar="fleet|none|FILE"
+    )
+    planner: str = option("", "How motions are planned.", shown="the method's")
+    perception: str = option("", "What turns images into poses.", shown="the method's")
+    settings: tuple[str, ...] = option(
+        (),
+        "Give a setting of the method another value; `trocar methods TASK` lists them; may be repeated.",
+        flag="set",
+        metavar="NAME=VALUE",
+    )
+    station: str = option("", "Name of a station, or a TOML file.", metavar="STATION", shown="the task's")
+    sessions: int = option(1, "How many days are drawn, each registered and calibrated.")
+    trials: int = option(1, "How many trials in each session.")
+    seed: int = option(0, "Seed of everything random; the same seed gives the same trials.")
+    new_session: bool = option(False, "Remount the instruments between calibration and trials.")
+    refit_offsets: bool = option(False, "Refit the model's offsets from 30 samples before the trials.")
+    flawless_camera: bool = option(False, "Switch off the sensors' flaws; the run states this.")
+    difficulty: str = option(
+        DEFAULT, "How far the laboratory departs from what is known about it: mild, recorded, harsh."
+    )
+    flaws: tuple[str, ...] = option(
+        (), "Give a flaw another size, as registration=1.0mm; may be repeated.", flag="flaw", metavar="NAME=SIZE"
+    )
     plugins: tuple[str, ...] = ()
-    _built: dict[str, Any] = field(default_factory=dict, repr=False, init=False)
+    chosen_method: Method = field(init=False, repr=False)
+    laboratory: Station = field(init=False, repr=False)
+    arms: tuple[str, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         kind = type(self.task)
         method = pick_method(kind, self.method)
+        self._set(chosen_method=method)
         usual = {
             "station": kind.station,
-            "method": self.method or next(iter(kind.methods)),
+            "method": next(iter(kind.methods)),
             "planner": method.planner,
             "perception": method.perception,
         }
-        for name, value in usual.items():
-            if not getattr(self, name):
-                object.__setattr__(self, name, value)
+        self._set(**{name: value for name, value in usual.items() if not getattr(self, name)})
         for name in ("sessions", "trials"):
             if getattr(self, name) < 1:
                 raise InvalidValue(f"the number of {name}", getattr(self, name), f"give 1 or more with --{name}")
         if self.sessions * self.trials > MAX_TRIALS:
-            raise InvalidInput(
-                f"{self.sessions} sessions of {self.trials} trials",
-                f"are more than {MAX_TRIALS} trials",
-                "give fewer with --sessions or --trials",
-            )
+            many, remedy = f"{self.sessions} sessions of {self.trials} trials", "give fewer with --sessions or --trials"
+            raise InvalidInput(many, f"are more than {MAX_TRIALS} trials", remedy)
         if self.seed < 0:
             raise InvalidValue("the seed", self.seed, "give 0 or more with --seed")
         if self.settings:
@@ -123,52 +120,61 @@ class RunConfig:
             pick_perception(kind, self.perception)
         difficulty = Difficulty.of(self.difficulty, self.flaws)
         station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).require_relevant(kind.name)
-        arms = self.task.working_arms(station)
-        if self.calibration not in ("", IMAGES, JOINTS):
-            raise UnknownName("calibration", self.calibration, (IMAGES, JOINTS))
-        if method.calibrated:  # if calibration is impossible, the error comes before anything is written
-            missing = [why for arm in arms if (why := why_no_images(station, arm, self.task.calibration(station, arm)))]
-            if missing and self.calibration == IMAGES:
-                raise InvalidInput(
-                    "--calibration images", f"is not possible: {missing[0]}", f"or give --calibration {JOINTS}"
-                )
-            object.__setattr__(self, "calibration", self.calibration or (JOINTS if missing else IMAGES))
+        self._set(laboratory=station, arms=self.task.working_arms(station))
+        self._choose_calibration(method)
         self._start_from_prior(method)
-        self._built.update(method=method, station=station, arms=arms)
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     def _choose_model(self, method: Method) -> None:
         """Choose the cable model if there is one to fit; otherwise refuse options that would have no effect."""
         if self.model:
+            from trocar.calibration.models import MODELS  # SciPy only when needed
+
             MODELS.pick(self.model)
         if not method.calibrated:
-            useless = {"calibration": self.calibration, "model": "" if method.learns else self.model}
-            for name, value in useless.items():
+            who = f"--method {self.method}"
+            for name, value in {"calibration": self.calibration, "model": "" if method.learns else self.model}.items():
                 if value:
-                    why = f"has no effect with --method {self.method}, which makes no calibration"
+                    why = f"has no effect with {who}, which makes no calibration"
                     raise InvalidInput(f"--{name} {value}", why, f"drop --{name}")
             if self.new_session:
-                raise InvalidInput(
-                    "--new-session",
-                    f"mounts the instruments again after a calibration, and --method {self.method} makes none",
-                    "drop --new-session",
-                )
+                why = f"mounts the instruments again after a calibration, and {who} makes none"
+                raise InvalidInput("--new-session", why, "drop --new-session")
             if self.refit_offsets:
-                raise InvalidInput(
-                    "--refit-offsets", f"has no model to refit with --method {self.method}", "drop --refit-offsets"
-                )
+                raise InvalidInput("--refit-offsets", f"has no model to refit with {who}", "drop --refit-offsets")
         if method.calibrated or method.learns:
-            object.__setattr__(self, "model", self.model or USUAL_MODEL)
+            self._set(model=self.model or USUAL_MODEL)
+
+    def _choose_calibration(self, method: Method) -> None:
+        """Choose what cable models are fitted on; what is not possible is refused before anything is written."""
+        if self.calibration not in ("", IMAGES, JOINTS):
+            raise UnknownName("calibration", self.calibration, (IMAGES, JOINTS))
+        if not method.calibrated:
+            return
+        from trocar.collect.motion import why_no_images  # SciPy only when needed
+
+        place, task = self.laboratory, self.task
+        missing = [why for arm in self.arms if (why := why_no_images(place, arm, task.calibration(place, arm)))]
+        if missing and self.calibration == IMAGES:
+            problem = f"is not possible: {missing[0]}"
+            raise InvalidInput(f"--calibration {IMAGES}", problem, f"or give --calibration {JOINTS}")
+        self._set(calibration=self.calibration or (JOINTS if missing else IMAGES))
 
     def _start_from_prior(self, method: Method) -> None:
         """Choose the built-in prior for a method that learns; check that a prior has an effect and can be read."""
-        if method.learns and self.model != "play":
+        if method.learns and self.model != USUAL_MODEL:
             raise InvalidInput(f"--method {self.method}", f"learns model 'play', not {self.model!r}", "drop --model")
         if method.learns and self.prior == NO_PRIOR:
-            object.__setattr__(self, "prior", BUILT_IN)
+            self._set(prior="fleet")
         if self.prior == NO_PRIOR:
             return
-        if not (method.calibrated or method.learns) or self.model != "play":
+        if not (method.calibrated or method.learns) or self.model != USUAL_MODEL:
             raise InvalidInput(f"--prior {self.prior}", "has no play model that could start from it", "drop --prior")
+        from trocar.calibration.fleet import load_prior  # SciPy only when needed
+
         load_prior(self.prior)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -176,21 +182,6 @@ class RunConfig:
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "task"}
         options = {f.name: getattr(self.task, f.name) for f in fields(self.task)}  # type: ignore[arg-type]
         return _made_again, (self.task.name, options, values)
-
-    @property
-    def chosen_method(self) -> Method:
-        """Return the method."""
-        return self._built["method"]
-
-    @property
-    def laboratory(self) -> Station:
-        """Return the station as the task needs it."""
-        return self._built["station"]
-
-    @property
-    def arms(self) -> tuple[str, ...]:
-        """Return the names of the arms that work."""
-        return self._built["arms"]
 
     def about(self) -> dict[str, Any]:
         """Return as JSON what distinguishes this run from others: all but the numbers of sessions and trials."""

@@ -35,7 +35,11 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if record.is_file():
-            found = _recorded(record)
+            found = _record(folder)
+            if not found:
+                problem = "is damaged, so it is unknown whose trials lie beside it"
+                remedy = "choose another folder with --out, or move it away if they are of this run"
+                raise BadFile(record, problem, remedy)
             if any(folder.glob("session_*")):  # else nothing was computed yet that could be mixed up
                 _require_same(found, about, folder)
         text = {**about, "fingerprint": fingerprint, "sessions": config.sessions, "trials": config.trials}
@@ -63,7 +67,7 @@ def load_trials(folder: str | Path) -> tuple[Trials, list[str]]:
         raise BadFile(folder, "does not exist", "make one with `trocar run`", kind="folder")
     usable: list[Path] = []
     strange: list[str] = []
-    run = _recorded_fingerprint(folder)
+    run = str(_record(folder).get("fingerprint", ""))
     for path in trial_files(folder):
         try:
             trial = Trial.load(path)
@@ -104,7 +108,7 @@ def load_trial(path: str | Path) -> Trial:
     path = Path(path)
     trial = Trial.load(path)
     folder = path.absolute().parent.parent
-    run = _recorded_fingerprint(folder)
+    run = str(_record(folder).get("fingerprint", ""))
     if run and trial.about["fingerprint"] != run:
         raise BadFile(path, "belongs to another run than its folder", "give one of that run")
     if run and trial_file(folder, *_place(trial.about)) != path.absolute():
@@ -115,10 +119,10 @@ def load_trial(path: str | Path) -> Trial:
 
 def requested(folder: str | Path) -> tuple[int, int] | None:
     """Return the requested numbers of sessions and of trials in each; None if the run's record is lost."""
+    found = _record(Path(folder))
     try:
-        found = read_json(Path(folder) / RECORD)
         return int(found["sessions"]), int(found["trials"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None
 
 
@@ -135,16 +139,16 @@ def still_to_do(folder: str | Path, done: int) -> list[str]:
 
 
 def _place(about: dict[str, Any]) -> tuple[int, int]:
-    """Return session and index of a trial."""
     return about["session"], about["index"]
 
 
-def _recorded_fingerprint(folder: Path) -> str:
-    """Return the fingerprint of the run that a folder was made for; empty if its record is lost."""
+def _record(folder: Path) -> dict[str, Any]:
+    """Return what is recorded of the run that a folder was made for; empty if that is lost."""
     try:
-        return str(read_json(folder / RECORD)["fingerprint"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
+        found = read_json(folder / RECORD)
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> bool:
@@ -158,7 +162,10 @@ def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> boo
         return False
     if about["fingerprint"] != fingerprint:
         raise BadFile(path, "is a trial of another run", "move it away, or choose another folder with --out")
-    return _place(about) == place and _readable(path)
+    try:  # the whole file, not only its header
+        return _place(about) == place and bool(Trial.load(path))
+    except TrocarError:
+        return False
 
 
 def set_aside(path: str | Path) -> None:
@@ -166,30 +173,6 @@ def set_aside(path: str | Path) -> None:
     path = Path(path)
     if path.is_file():
         path.replace(path.with_name(f"{path.name}.aside"))
-
-
-def _readable(path: Path) -> bool:
-    """Return whether the whole file can be read, not only its header."""
-    try:
-        Trial.load(path)
-    except TrocarError:
-        return False
-    return True
-
-
-def _recorded(record: Path) -> dict[str, Any]:
-    """Return the content of a folder's record, or raise."""
-    try:
-        found = read_json(record)
-    except ValueError:
-        found = None
-    if not isinstance(found, dict):
-        raise BadFile(
-            record,
-            "is damaged, so it is unknown whose trials lie beside it",
-            "choose another folder with --out, or move it away if they are of this run",
-        )
-    return found
 
 
 def _require_same(found: dict[str, Any], about: dict[str, Any], folder: Path) -> None:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import gc
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from trocar.counting import Tick, untold
 from trocar.errors import BadFile, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import RECORD, is_done, load_trials, open_folder, set_aside
 from trocar.eval.prepare import Prepared, prepare
-from trocar.eval.run import free_memory, run_trial
-from trocar.eval.study import Condition, RowKind, Tick
+from trocar.eval.run import AGENT_ERROR, Listener, run_trial
+from trocar.eval.study import Condition, RowKind
 from trocar.eval.task import TASKS
 from trocar.eval.trial import trial_file
 from trocar.eval.trials import Trials
@@ -24,11 +26,9 @@ from trocar.sim.world import PhysicsError
 
 @dataclass(frozen=True)
 class SessionOrder:
-    """One session of one or more runs whose cables are to be calibrated.
+    """One session, by its number, of one or more runs and their folders, whose cables are to be calibrated.
 
-    Attributes:
-        runs: each with its folder; those that need the same model of an arm find it in the cache.
-        session: its number.
+    Runs that need the same model of an arm find it in the cache.
     """
 
     runs: Sequence[tuple[RunConfig, Path]]
@@ -37,14 +37,7 @@ class SessionOrder:
 
 @dataclass(frozen=True)
 class TrialOrder:
-    """One trial of a run.
-
-    Attributes:
-        config: of the run.
-        folder: of the run.
-        session: number.
-        index: of the trial in its session.
-    """
+    """One trial of a run: the run and its folder, the number of the session, and that of the trial in it."""
 
     config: RunConfig
     folder: Path
@@ -65,18 +58,26 @@ def calibrate(order: SessionOrder) -> None:
             prepare(config, order.session, folder)
 
 
-def play(order: TrialOrder) -> str:
-    """Run a trial and save it, unless it exists; return why it is void, empty if it is valid."""
+def play(order: TrialOrder, listener: Listener | None = None, *, raise_errors: bool = False) -> str:
+    """Run a trial and save it, unless it exists; return what is wrong with it in a sentence, empty if nothing is.
+
+    Args:
+        order: which trial.
+        listener: called with each event of the scripts.
+        raise_errors: whether an exception of the agent is raised; else it ends the trial, which keeps its traceback.
+    """
     _require_folder(order.folder)
     if is_done(order.folder, (order.session, order.index), order.config.fingerprint):
         return ""
     try:
-        trial = run_trial(order.config, _prepared(order), order.index)
-        set_aside(order.path)
-        trial.save(order.path)
-        free_memory()
+        trial = run_trial(order.config, _prepared(order), order.index, listener, raise_errors=raise_errors)
     except PhysicsError as error:
         return f"{order.path} is void: {error}"
+    set_aside(order.path)
+    trial.save(order.path)
+    gc.collect()  # a world's parts refer to one another: a run of ten trials would hold 2 GB
+    if trial.ended == AGENT_ERROR:
+        return f"session {order.session + 1}, trial {order.index + 1}: {trial.reason}; --raise stops there"
     return ""
 
 
@@ -84,22 +85,83 @@ _LAST: dict[tuple[str, Path, int], Prepared] = {}
 """The session that this process prepared last, since its trials are handed out one after the other."""
 
 
-def _prepared(order: TrialOrder) -> Prepared:
+def _prepared(order: TrialOrder, listener: Callable[[str, int, int], None] | None = None) -> Prepared:
     key = (order.config.fingerprint, order.folder, order.session)
     if key not in _LAST:
         _LAST.clear()
-        _LAST[key] = prepare(order.config, order.session, order.folder)
+        _LAST[key] = prepare(order.config, order.session, order.folder, listener=listener)
     return _LAST[key]
+
+
+def play_run(
+    config: RunConfig,
+    folder: str | Path,
+    todo: Sequence[tuple[int, int]],
+    *,
+    jobs: int = 1,
+    tick: Tick = untold,
+    raise_errors: bool = False,
+) -> Iterator[str]:
+    """Run trials of one run and yield a sentence for each with which something is wrong, as they end.
+
+    Args:
+        config: of the run.
+        folder: of the run.
+        todo: session and number of each trial.
+        jobs: how many trials are run at once; more than one: each in its own process.
+        tick: called with the progress.
+        raise_errors: as in :func:`play`.
+    """
+    folder = Path(folder).absolute()
+    orders = [TrialOrder(config, folder, *place) for place in todo]
+    if jobs == 1:
+        yield from _play_in_turn(config, orders, tick, raise_errors)
+        return
+    workers = pick_workers("processes", jobs)
+    sessions = [SessionOrder(((config, folder),), session) for session in dict.fromkeys(place[0] for place in todo)]
+    tick("setting up sessions", 0, len(sessions))
+    for done, _ in enumerate(run_all(calibrate, sessions, workers), start=1):
+        tick("setting up sessions", done, len(sessions))
+    tick("running trials", 0, len(orders))
+    for done, (_, wrong) in enumerate(run_all(play, orders, workers), start=1):
+        tick("running trials", done, len(orders))
+        yield from [wrong] if wrong else []
+
+
+def _play_in_turn(config: RunConfig, orders: Sequence[TrialOrder], tick: Tick, raise_errors: bool) -> Iterator[str]:
+    """Run trials in this process; a goal that ends, and an image of a calibration, are progress too."""
+    _LAST.clear()
+    goals, noun, done, where = len(config.task.goals()), config.task.goal_noun, 0, ""
+
+    def say(now: str) -> None:
+        tick(f"{noun}s", done, goals * len(orders), now)
+
+    def count(arm: str, image: int, total: int) -> None:
+        tick(f"{where}: images for the calibration of {arm}", image, total)
+
+    def listen(event: Mapping[str, object]) -> None:
+        nonlocal done
+        if event["name"] == noun:
+            done += 1
+            say(f"{where}: a {noun} has ended")
+
+    for number, order in enumerate(orders):
+        where = f"session {order.session + 1} of {config.sessions}"
+        say(f"{where}: setting up")
+        _prepared(order, count)
+        where = f"session {order.session + 1}, trial {order.index + 1}"
+        say(where)
+        wrong = play(order, listen, raise_errors=raise_errors)
+        done = goals * (number + 1)
+        say(f"{where}: saved")
+        yield from [wrong] if wrong else []
 
 
 def _require_folder(folder: Path) -> None:
     """Raise unless a worker, which may be on another machine, sees the run's folder."""
     if not (folder / RECORD).is_file():
-        raise BadFile(
-            folder / RECORD,
-            "is not found by a worker",
-            "give --out a folder on a file system that all workers see, under the same path",
-        )
+        remedy = "give --out a folder on a file system that all workers see, under the same path"
+        raise BadFile(folder / RECORD, "is not found by a worker", remedy)
 
 
 def opened(conditions: Sequence[Condition]) -> tuple[list[SessionOrder], list[TrialOrder]]:
@@ -175,16 +237,6 @@ def run(
     config = RunConfig(kind(**{n: v for n, v in options.items() if n in own}), settings=changes, **given)
     usual = Path("out") / f"{task}-{config.method}-{config.seed}-{config.fingerprint[:8]}"
     folder = Path(out or usual).absolute()
-    orders = [TrialOrder(config, folder, *place) for place in open_folder(config, folder)]
-    if jobs == 1:
-        ended = map(play, orders)
-    else:
-        workers = pick_workers("processes", jobs)
-        days = dict.fromkeys(order.session for order in orders)
-        for _ in run_all(calibrate, [SessionOrder(((config, folder),), day) for day in days], workers):
-            pass
-        ended = (void for _, void in run_all(play, orders, workers))
-    for void in ended:
-        if void:
-            warnings.warn(void, stacklevel=2)
+    for wrong in play_run(config, folder, open_folder(config, folder), jobs=jobs):
+        warnings.warn(wrong, stacklevel=2)
     return load_trials(folder)[0]

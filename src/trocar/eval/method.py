@@ -186,13 +186,13 @@ PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions", check=
 """Perceptions from outside, as ``TASK/NAME``; a task has its own besides."""
 
 
-def methods_of(task: type[Task]) -> dict[str, Method | Lazy]:
-    """Return all methods of a task by name: its own, then those from outside.
+def methods_of(task: type[Task]) -> tuple[str, ...]:
+    """Return the names of all methods of a task: its own, then those from outside.
 
     Raises:
         InvalidInput: one from outside has the name of one of its own.
     """
-    return _own_and_others(task.methods, METHODS, task.name)
+    return _names(task.methods, METHODS, task.name)
 
 
 def pick_method(task: type[Task], name: str) -> Method:
@@ -201,9 +201,14 @@ def pick_method(task: type[Task], name: str) -> Method:
     Raises:
         UnknownName: the task has none of that name.
     """
-    method = _pick(methods_of(task), name or next(iter(task.methods)), "method", task.name)
+    method = _pick(task.methods, METHODS, name or next(iter(task.methods)), task.name)
     _require_method(f"{task.name}/{name}", method)
     return method
+
+
+def perceptions_of(task: type[Task]) -> tuple[str, ...]:
+    """Return the names of all perceptions of this task."""
+    return _names(task.perceptions, PERCEPTIONS, task.name)
 
 
 def pick_perception(task: type[Task], name: str) -> Any:
@@ -212,43 +217,24 @@ def pick_perception(task: type[Task], name: str) -> Any:
     Raises:
         UnknownName: the task has none of that name.
     """
-    return _pick(_own_and_others(task.perceptions, PERCEPTIONS, task.name), name, "perception", task.name)()
+    return _pick(task.perceptions, PERCEPTIONS, name, task.name)()
 
 
-def perceptions_of(task: type[Task]) -> tuple[str, ...]:
-    """Return the names of all perceptions of this task."""
-    return tuple(_own_and_others(task.perceptions, PERCEPTIONS, task.name))
-
-
-@dataclass(frozen=True, init=False)
-class _Registered(Lazy):
-    """An entry of a registry that is loaded when it is picked."""
-
-    registry: Registry[Any]
-
-    def __init__(self, registry: Registry[Any], where: str):
-        object.__setattr__(self, "registry", registry)
-        object.__setattr__(self, "where", where)
-
-    def load(self) -> Any:
-        return self.registry[self.where]
-
-
-def _own_and_others(own: Mapping[str, Any], registry: Registry[Any], task: str) -> dict[str, Any]:
-    """Return all entries of a kind for a task: its own, then those from outside, under other names."""
-    prefix = f"{task}/"
-    outside = {name.removeprefix(prefix): _Registered(registry, name) for name in registry if name.startswith(prefix)}
+def _names(own: Mapping[str, Any], registry: Registry[Any], task: str) -> tuple[str, ...]:
+    """Return the names of a task's own things of a kind, and of those from outside, which must be others."""
+    outside = [name.removeprefix(f"{task}/") for name in registry if name.startswith(f"{task}/")]
     for name in outside:
         if name in own:
-            taken = f"{registry.what} {prefix + name!r}"
+            taken = f"{registry.what} {f'{task}/{name}'!r}"
             raise InvalidInput(taken, "would replace one of the task's own", "register it under another name")
-    return {**own, **outside}
+    return (*own, *outside)
 
 
-def _pick(choices: Mapping[str, Any], name: str, what: str, task: str) -> Any:
-    if name not in choices:
-        raise UnknownName(f"{task} {what}", name, choices)
-    return _loaded(choices[name])
+def _pick(own: Mapping[str, Any], registry: Registry[Any], name: str, task: str) -> Any:
+    names = _names(own, registry, task)
+    if name not in names:
+        raise UnknownName(f"{task} {registry.what}", name, names)
+    return _loaded(own[name]) if name in own else registry[f"{task}/{name}"]
 
 
 def _loaded(thing: Any) -> Any:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-
-import numpy as np
 
 import trocar
 from trocar.calibration.evaluation import refit_offset
@@ -98,19 +97,27 @@ def _calibrated(
 ) -> CableModel:
     """Return the model of an arm's cables: from the run's folder, else from the cache, else fitted now."""
     path = cable_file(folder, number, arm)
-    if not path.is_file():
-        key = calibration_key(config, number, arm)
-        known = cache_folder() / f"{config.task.name}_{config.seed}_{number:02d}_{arm}_{key}.npz"
-        model = _from_cache(known, key)
-        if model is None:
-            wide = config.prior != NO_PRIOR
-            rows = WIDE_ROWS if wide else IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
-            stream = (number, CALIBRATION, config.arms.index(arm))
-            images = session_folder(folder, number) / f"spheres_{arm}.npz"
-            recording = _recording(config, session, arm, stream, rows, images, listener, wide=wide)
-            model = _fitted(config, arm, recording, config.rng(*stream))
-            _to_cache(model, known, key)
-        save_model(model, path, config.fingerprint)
+    if path.is_file():
+        return load_model(path, config.fingerprint)
+    key = calibration_key(config, number, arm)
+    known = cache_folder() / f"{config.task.name}_{config.seed}_{number:02d}_{arm}_{key}.npz"
+    model = None
+    with suppress(TrocarError):  # damaged: fitted again
+        model = load_model(known, key) if known.is_file() else None
+    if model is None:
+        wide = config.prior != NO_PRIOR
+        rows = WIDE_ROWS if wide else IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
+        stream = (number, CALIBRATION, config.arms.index(arm))
+        images = session_folder(folder, number) / f"spheres_{arm}.npz"
+        recording = _recording(config, session, arm, stream, rows, images, listener, wide=wide)
+        if wide:
+            model = fit_from_prior(recording, _prior(config, arm))
+        else:
+            model = MODELS.pick(config.model).fit(recording, config.rng(*stream))
+        with suppress(OSError, TrocarError):  # where it cannot be kept, other runs fit it again
+            known.parent.mkdir(parents=True, exist_ok=True)
+            save_model(model, known, key)
+    save_model(model, path, config.fingerprint)
     return load_model(path, config.fingerprint)
 
 
@@ -125,30 +132,6 @@ def cache_folder() -> Path:
 def cached_calibrations() -> list[Path]:
     """Return the files in the cache, the oldest first."""
     return sorted(cache_folder().glob("*_*_*_*_????????????????.npz"), key=lambda path: path.stat().st_mtime)
-
-
-def _from_cache(path: Path, key: str) -> CableModel | None:
-    """Return a model from the cache; None if it is not there, or the file is damaged."""
-    try:
-        return load_model(path, key) if path.is_file() else None
-    except TrocarError:
-        return None
-
-
-def _to_cache(model: CableModel, path: Path, key: str) -> None:
-    """Keep a model for other runs; where that is not possible, they fit it again."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save_model(model, path, key)
-    except (OSError, TrocarError):
-        pass
-
-
-def _fitted(config: RunConfig, arm: str, recording: Recording, rng: np.random.Generator) -> CableModel:
-    """Return the model of an arm's cables."""
-    if config.prior == NO_PRIOR:
-        return MODELS.pick(config.model).fit(recording, rng)
-    return fit_from_prior(recording, _prior(config, arm))
 
 
 def _prior(config: RunConfig, arm: str) -> FleetPrior:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,7 @@ from trocar.cell import Cell
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval.config import TRIALS, RunConfig
 from trocar.eval.method import AgentContext, Method, pick_perception
-from trocar.eval.prepare import Prepared, prepare
+from trocar.eval.prepare import Prepared
 from trocar.eval.scenery import Scenery
 from trocar.eval.task import Score, Task
 from trocar.eval.trial import Trial
@@ -48,19 +47,6 @@ PACKED = 3
 
 Listener = Callable[[Mapping[str, object]], None]
 
-__all__ = [
-    "AGENT_ERROR",
-    "DONE",
-    "FAULT",
-    "OUT_OF_TIME",
-    "Prepared",
-    "encoded",
-    "free_memory",
-    "plain",
-    "prepare",
-    "run_trial",
-]
-
 
 @dataclass(frozen=True)
 class _End:
@@ -72,12 +58,7 @@ class _End:
 
 
 def run_trial(
-    config: RunConfig,
-    prepared: Prepared,
-    index: int,
-    listener: Listener | None = None,
-    *,
-    raise_errors: bool = False,
+    config: RunConfig, prepared: Prepared, index: int, listener: Listener | None = None, *, raise_errors: bool = False
 ) -> Trial:
     """Run one trial of a session and return it.
 
@@ -168,14 +149,6 @@ def run_trial(
     )
 
 
-def free_memory() -> None:
-    """Free the worlds of trials that have ended.
-
-    Their parts refer to one another, and Python collects such cycles so rarely that a run of ten trials held 2 GB.
-    """
-    gc.collect()
-
-
 def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Compensated:
     """Return the cell's robot with its cables compensated."""
     limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
@@ -212,11 +185,8 @@ def _scored(task: Task, truth: Any, events: Sequence[Mapping[str, Any]]) -> Sequ
     """Return a task's scores, one for each of its goals."""
     scores, goals = list(task.score(truth, events)), len(task.goals())
     if len(scores) != goals or not all(isinstance(score, Score) for score in scores):
-        raise InvalidInput(
-            f"task {task.name!r}",
-            f"has {goals} goals and scores {scores!r}",
-            "return one trocar.eval.Score for each goal, in order",
-        )
+        remedy = "return one trocar.eval.Score for each goal, in order"
+        raise InvalidInput(f"task {task.name!r}", f"has {goals} goals and scores {scores!r}", remedy)
     return scores
 
 

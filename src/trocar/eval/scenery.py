@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, FingerMarks, Instrument, Joint, fk, frames
+from trocar.arms import ArmModel, fk, frames
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
 from trocar.replay import CameraImage, Contact, Replay, Solid, ToolPath
@@ -48,7 +48,7 @@ class Scenery:
         return {
             "solids": [_solid_values(solid) for solid in self.solids],
             "T_world_body": _pose_values(self.T_world_body),
-            "arms": {name: arm_values(arm) for name, arm in self.arms.items()},
+            "arms": {name: asdict(arm) for name, arm in self.arms.items()},
             "T_world_base": _pose_values(self.T_world_base),
             "T_world_base_registered": _pose_values(self.T_world_base_registered),
             "cameras": {name: [list(image) for image in images] for name, images in self.cameras.items()},
@@ -131,42 +131,21 @@ def link_poses(name: str, arm: ArmModel, T_world_base: SE3, joints: NDArray[np.f
     return found
 
 
-def arm_values(arm: ArmModel) -> dict[str, Any]:
-    """Return an arm's model as JSON values."""
-    return asdict(arm)
-
-
 def arm_of(values: Mapping[str, Any]) -> ArmModel:
-    """Return the arm's model from the result of :func:`arm_values`.
+    """Return an arm's model from its ``dataclasses.asdict`` as JSON values.
 
     Raises:
         InvalidInput: it is not one.
     """
-    known = {f.name for f in fields(ArmModel)}
+    from pydantic import TypeAdapter, ValidationError  # slow to import
+
+    known = {field.name for field in fields(ArmModel)}
     if set(values) != known:
         raise InvalidInput("an arm", f"has {sorted(set(values) ^ known)} too many or too few", "the file is damaged")
-    coupling = values["coupling"]
-    parts = dict(values) | {
-        "joints": tuple(Joint(**joint) for joint in values["joints"]),
-        "jaw": Joint(**values["jaw"]),
-        "instrument": _instrument_of(values["instrument"]),
-        "twists_rad": tuple(values["twists_rad"]),
-        "offsets": tuple(values["offsets"]),
-        "coupling": None if coupling is None else tuple(map(tuple, coupling)),
-    }
-    return ArmModel(**parts)
-
-
-def _instrument_of(values: Mapping[str, Any]) -> Instrument:
-    instrument = Instrument(**values)
-    if values["marks"] is None:
-        return instrument
-    return replace(instrument, marks=FingerMarks(**{name: _tuples(value) for name, value in values["marks"].items()}))
-
-
-def _tuples(value: Any) -> Any:
-    """Return a JSON value with its lists as tuples."""
-    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
+    try:
+        return TypeAdapter(ArmModel).validate_python(values)
+    except ValidationError as error:
+        raise InvalidInput("an arm", f"cannot be used ({error.errors()[0]['msg']})", "the file is damaged") from None
 
 
 def _solid_values(solid: Solid) -> dict[str, Any]:

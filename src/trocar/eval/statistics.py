@@ -42,7 +42,7 @@ def session_interval(succeeded: Sequence[int], attempted: Sequence[int]) -> tupl
     session is modelled as drawn from a beta distribution whose mean is to be estimated (beta-binomial model). The mean
     has Jeffreys' prior Beta(1/2, 1/2), the correlation within sessions (ICC) the prior Beta(1, 2), and the interval is
     the central one of the mean's posterior. It is valid if all attempts succeeded, counts sessions rather than
-    attempts, and is wide for a single session. Its coverage is tested in ``tests/report/test_statistics.py``.
+    attempts, and is wide for a single session. Its coverage is tested in ``tests/eval/test_statistics.py``.
 
     Args:
         succeeded: in each session.
@@ -51,12 +51,13 @@ def session_interval(succeeded: Sequence[int], attempted: Sequence[int]) -> tupl
     y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
     if y.shape != n.shape or (y < 0).any() or (y > n).any():
         raise _impossible(list(succeeded), list(attempted))
-    used = n > 0
-    if not used.any():
+    if not n.any():
         return 0.0, 1.0
-    low, high = _posterior_quantiles(y[used], n[used])
-    total = y.sum() / n.sum()
-    return (0.0 if total == 0 else min(low, float(total))), (1.0 if total == 1 else max(high, float(total)))
+    weight = session_posterior(succeeded, attempted)[1]
+    cumulative = np.concatenate([[0.0], np.cumsum(weight)]) / weight.sum()
+    low, high = np.interp([0.025, 0.975], cumulative, np.arange(GRID + 1) / GRID)
+    total = float(y.sum() / n.sum())
+    return (0.0 if total == 0 else min(float(low), total)), (1.0 if total == 1 else max(float(high), total))
 
 
 def _impossible(succeeded: object, attempted: object) -> InvalidInput:
@@ -68,20 +69,7 @@ def session_posterior(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the posterior of the mean rate over sessions that :func:`session_interval` uses: rates and weights."""
     y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
-    return (np.arange(GRID) + 0.5) / GRID, _posterior(y[n > 0], n[n > 0])
-
-
-def _posterior_quantiles(y: NDArray[np.float64], n: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the 2.5 and 97.5 % quantiles of the mean rate of a beta-binomial model."""
-    weight = _posterior(y, n)
-    cumulative = np.concatenate([[0.0], np.cumsum(weight)]) / weight.sum()
-    edges = np.arange(GRID + 1) / GRID
-    low, high = np.interp([0.025, 0.975], cumulative, edges)
-    return float(low), float(high)
-
-
-def _posterior(y: NDArray[np.float64], n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the posterior weights of the mean rate on its grid."""
+    y, n = y[n > 0], n[n > 0]
     mean = (np.arange(GRID) + 0.5) / GRID
     icc = (np.arange(GRID) + 0.5) / GRID
     precision = 1.0 / icc - 1.0  # a + b of the beta distribution
@@ -90,7 +78,7 @@ def _posterior(y: NDArray[np.float64], n: NDArray[np.float64]) -> NDArray[np.flo
     for pair, count in zip(*np.unique(np.column_stack([y, n]), axis=0, return_counts=True), strict=True):
         log_likelihood += count * (betaln(a + pair[0], b + pair[1] - pair[0]) - betaln(a, b))
     log_posterior = log_likelihood - 0.5 * (np.log(mean) + np.log1p(-mean))[:, None] + np.log1p(-icc)
-    return np.exp(log_posterior - log_posterior.max()).sum(axis=1)
+    return mean, np.exp(log_posterior - log_posterior.max()).sum(axis=1)
 
 
 @dataclass(frozen=True)

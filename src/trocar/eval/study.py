@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from trocar.counting import Tick, untold
 from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
 from trocar.eval.method import methods_of, pick_method
@@ -15,9 +16,6 @@ from trocar.eval.trial import Trial, trial_file
 from trocar.files.output import MADE_BY, write_json
 from trocar.files.reading import read_json
 from trocar.registry import Lazy
-
-Tick = Callable[[str, int, int], None]
-"""Called with what is being done now, how many units are done, and how many there are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,25 +59,6 @@ def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
         if words.count(word) > 1:
             raise InvalidInput(f"--{flag}", f"names {word!r} twice", "name each once")
     return words
-
-
-def compensated_alone(task: type[Task], methods: Sequence[str], **given: str) -> dict[str, dict[str, str]]:
-    """Return, for each method, the options that only compensating methods have; empty for the others.
-
-    Args:
-        task: the task of the methods.
-        methods: of a study.
-        given: options by name, such as ``model``; empty: not given.
-
-    Raises:
-        InvalidInput: an option is given, and none of the methods compensates.
-    """
-    compensate = {method: pick_method(task, method).calibrated for method in methods}
-    for name, value in given.items():
-        if value and not any(compensate.values()):
-            problem = f"has no effect with {', '.join(methods)} of {task.name}, which make no calibration"
-            raise InvalidInput(f"--{name} {value}", problem, f"drop --{name}")
-    return {method: dict(given) if on else dict.fromkeys(given, "") for method, on in compensate.items()}
 
 
 class Row(Protocol):
@@ -161,7 +140,7 @@ def by_session(rows: Sequence[AnyRow], value: Callable[[AnyRow], Value]) -> dict
 
 
 def read_study(
-    conditions: Sequence[Condition], kind: RowKind[AnyRow], tick: Tick | None = None
+    conditions: Sequence[Condition], kind: RowKind[AnyRow], tick: Tick = untold
 ) -> tuple[list[Results[AnyRow]], list[str]]:
     """Return the results of all conditions that have a trial, and a sentence for each trial that is missing.
 
@@ -181,8 +160,7 @@ def read_study(
             except TrocarError as error:
                 missing.append(f"left aside: {error}")
             done += 1
-            if tick is not None:
-                tick("reading trials", done, total)
+            tick("reading trials", done, total)
         if rows:
             found.append(Results(condition, rows))
     if not found:
@@ -264,11 +242,6 @@ def study_of(task: type[Task]) -> TaskStudy[Any]:
     return kind()
 
 
-def flag_of(varied: str) -> str:
-    """Return the flag of a list of an option's values."""
-    return varied if varied.endswith("s") else f"{varied}s"
-
-
 def conditions_of(
     task: type[Task],
     folder: str | Path,
@@ -292,13 +265,15 @@ def conditions_of(
     """
     study = study_of(task)
     picked = chosen(methods, list(methods_of(task)), "methods")
-    of_method = compensated_alone(task, picked, model=model)
+    compensate = {method: pick_method(task, method).calibrated for method in picked}
+    if model and not any(compensate.values()):
+        problem = f"has no effect with {', '.join(picked)} of {task.name}, which make no calibration"
+        raise InvalidInput(f"--model {model}", problem, "drop --model")
     by_word = {str(value): value for value in study.values}
     found = []
-    for word in chosen(values, list(by_word), flag_of(study.varied)):
+    for word in chosen(values, list(by_word), f"{study.varied.removesuffix('s')}s"):
         for method in picked:
             done = task(**(options or {}), **{study.varied: by_word[word]})
-            given: dict[str, Any] = {**of_method[method], **run}
-            config = RunConfig(done, method=method, **given)
+            config = RunConfig(done, method=method, model=model if compensate[method] else "", **run)
             found.append(Condition(done.variant, config, (Path(folder) / f"{done.variant}-{method}").absolute()))
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -21,8 +21,16 @@ if TYPE_CHECKING:
     from trocar.sim.world import TaskWorld
 
 
-def option(default: Any, help: str, *, flag: str = "", metavar: str = "", choices: Sequence[str] = ()) -> Any:
-    """Return the dataclass field of a task's option, which the command line offers as described here.
+def option(
+    default: Any = MISSING,
+    help: str = "",
+    *,
+    flag: str = "",
+    metavar: str = "",
+    choices: Sequence[str] = (),
+    shown: str = "",
+) -> Any:
+    """Return the dataclass field of an option of a task or a run, which the command line offers as described here.
 
     Args:
         default: if the option is not given; its type is the option's, and the field's annotation.
@@ -30,8 +38,10 @@ def option(default: Any, help: str, *, flag: str = "", metavar: str = "", choice
         flag: on the command line, if not the field's name with dashes.
         metavar: placeholder for the value in the help.
         choices: the values that it may have; none: any.
+        shown: the default in words, where its value does not tell.
     """
-    return field(default=default, metadata={"help": help, "flag": flag, "metavar": metavar, "choices": tuple(choices)})
+    about = {"help": help, "flag": flag, "metavar": metavar, "choices": tuple(choices), "shown": shown}
+    return field(default=default, metadata=about)
 
 
 @dataclass(frozen=True)
@@ -132,14 +142,7 @@ class Task:
 
     def calibration(self, station: Station, arm: str) -> MotionBox:
         """Return where the motion of a calibration recording should go: as the station says, by default."""
-        box = station.arm(arm).calibration
-        if box is None:
-            raise InvalidInput(
-                f"station {station.name!r}",
-                f"does not define where arm {arm!r} moves during calibration",
-                "add 'calibration' to that arm, or choose a method that needs none",
-            )
-        return box
+        return station.calibration_box(arm)
 
     def _lacks(self, method: str) -> InvalidInput:
         name = method.partition("(")[0]

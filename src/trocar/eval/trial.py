@@ -31,15 +31,8 @@ ABOUT = {
     **dict.fromkeys(("seed", "session", "index"), int),
     **dict.fromkeys(("model", "calibration", "prior"), (str, type(None))),
     **dict.fromkeys(("new_session", "refit_offsets", "flawless_camera"), bool),
-    **{
-        "arms": list,
-        "options": dict,
-        "set": list,
-        "difficulty": list,
-        "plugins": list,
-        "flaws": dict,
-        "versions": dict,
-    },
+    **dict.fromkeys(("arms", "set", "difficulty", "plugins"), list),
+    **dict.fromkeys(("options", "flaws", "versions"), dict),
 }
 """What every trial records about itself, with its type."""
 SCORE = {"attempted": bool, "succeeded": bool, "failure": str, "reason": str, "start_s": NUMBER, "end_s": NUMBER}
@@ -103,16 +96,11 @@ class Trial:
         )
 
     def _repr_html_(self) -> str:
-        rows = (
-            (
-                f"{self.goal_noun} {number + 1}",
-                "done" if score["succeeded"] else score["failure"] or "not attempted",
-                f"{score['start_s']:.1f}",
-                f"{score['end_s']:.1f}",
-                score["reason"],
-            )
-            for number, score in enumerate(self.scores)
-        )
+        rows = []
+        for number, score in enumerate(self.scores):
+            result = "done" if score["succeeded"] else score["failure"] or "not attempted"
+            times = (f"{score[key]:.1f}" for key in ("start_s", "end_s"))
+            rows.append((f"{self.goal_noun} {number + 1}", result, *times, score["reason"]))
         return table(self, (self.goal_noun, "result", "from, s", "to, s", "reason"), rows)
 
     @property

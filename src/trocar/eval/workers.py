@@ -14,13 +14,15 @@ from importlib.util import find_spec
 from typing import Any, Protocol, TypeVar
 
 from trocar.errors import InvalidInput, InvalidValue, MachineError, NotInstalled
-from trocar.registry import Lazy, Registry
+from trocar.registry import Registry
 
 Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
 UNITS_A_PROCESS = 10
 """After this many units a process is replaced by a new one, which frees the memory that its libraries keep."""
+PATIENCE_S = 10
+"""Timeout for an answer of a dask cluster's scheduler."""
 MAX_DEATHS = 3
 """The work is given up after this many deaths of workers in a row, with nothing finished in between."""
 
@@ -177,17 +179,69 @@ def _handed_out(
             future.cancel()
 
 
-def processes(jobs: int, scheduler: str = "") -> Workers:
-    """Return processes of this machine."""
+@dataclass(frozen=True)
+class DaskWorkers:
+    """Workers of a dask cluster. The folder of the work must be on a file system that all of them see.
+
+    Attributes:
+        count: how many units are handed out at once.
+        scheduler: address; empty: a cluster of processes is started on this machine.
+    """
+
+    count: int
+    scheduler: str = ""
+
+    @property
+    def died(self) -> tuple[type[BaseException], ...]:
+        """Return what a unit's future raises if its worker died."""
+        from distributed import KilledWorker
+        from distributed.client import FutureCancelledError
+
+        return KilledWorker, FutureCancelledError
+
+    @contextmanager
+    def open(self) -> Iterator[Executor]:
+        """Return an executor of the cluster. Dask itself hands the work of a dead worker out again."""
+        with self._client() as client:
+            executor = client.get_executor(pure=False, retries=0)
+            try:
+                yield executor
+            finally:
+                executor.shutdown(wait=False)
+
+    @contextmanager
+    def _client(self) -> Iterator[Any]:
+        from distributed import Client, LocalCluster  # an extra
+
+        if self.scheduler:
+            try:
+                client = Client(self.scheduler, timeout=PATIENCE_S)
+            except (OSError, ValueError) as error:
+                remedy = "start one with `dask scheduler`, or drop --scheduler for a cluster on this machine"
+                problem = f"has no dask scheduler that answers ({error})"
+                raise InvalidInput(f"--scheduler {self.scheduler!r}", problem, remedy) from None
+            with client:
+                yield client
+            return
+        cluster = LocalCluster(
+            n_workers=self.count,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,  # type: ignore[arg-type]  # it documents this: no dashboard
+            memory_limit=0,
+        )
+        with cluster, Client(cluster) as client:
+            yield client
+
+
+def _processes(jobs: int, scheduler: str = "") -> Workers:
     if scheduler:
         raise InvalidInput(f"--scheduler {scheduler!r}", "is of a dask cluster", "add --backend dask, or drop it")
     return Processes(jobs)
 
 
 BACKENDS: Registry[Callable[..., Workers]] = Registry(
-    "backend",
-    "trocar.workers",
-    {"processes": processes, "dask": Lazy("trocar.eval.dask_workers:dask_workers")},
+    "backend", "trocar.workers", {"processes": _processes, "dask": DaskWorkers}
 )
 """Where studies and runs do their work: a function of the number of jobs and the scheduler's address."""
 

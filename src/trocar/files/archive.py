@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -91,34 +92,31 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
                 if name.startswith(BLOBS):
                     blobs[name.removeprefix(BLOBS)] = file.read(member)
                 elif name.endswith(".npy"):
-                    arrays[name.removesuffix(".npy")] = _numbers(file.read(member))
+                    array = array_of(file.read(member))
+                    if array.dtype.kind not in KINDS:
+                        raise ValueError("an .npy that holds no numbers")
+                    arrays[name.removesuffix(".npy")] = array
             except UNREADABLE:
                 raise BadFile(path, f"is damaged at {name!r}", "make it again") from None
     return Archive(header, arrays, blobs)
 
 
-class _opened:
-    """An opened zip; raises a sentence if it cannot be opened."""
-
-    def __init__(self, path: str | Path, kind: str):
-        self._path, self._kind = Path(path), kind
-
-    def __enter__(self) -> zipfile.ZipFile:
-        if self._path.is_dir():
-            raise InvalidInput(f"{str(self._path)!r}", "is a folder", f"give a file, a {self._kind}")
-        if not self._path.is_file():
-            raise InvalidInput(f"{self._kind} {str(self._path)!r}", "does not exist", "give another")
-        require_short_list(self._path)
-        try:
-            self._file = zipfile.ZipFile(self._path)
-        except UNREADABLE:
-            raise InvalidInput(
-                f"{str(self._path)!r}", f"is not a readable {self._kind}", "move it away and make it again"
-            ) from None
-        return self._file
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
+@contextmanager
+def _opened(path: str | Path, kind: str) -> Iterator[zipfile.ZipFile]:
+    """Open a zip; raise a sentence if it cannot be opened."""
+    path = Path(path)
+    if path.is_dir():
+        raise InvalidInput(f"{str(path)!r}", "is a folder", f"give a file, a {kind}")
+    if not path.is_file():
+        raise InvalidInput(f"{kind} {str(path)!r}", "does not exist", "give another")
+    require_short_list(path)
+    try:
+        file = zipfile.ZipFile(path)
+    except UNREADABLE:
+        problem = f"is not a readable {kind}"
+        raise InvalidInput(f"{str(path)!r}", problem, "move it away and make it again") from None
+    with file:
+        yield file
 
 
 def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) -> dict[str, Any]:
@@ -133,20 +131,9 @@ def _header(file: zipfile.ZipFile, path: str | Path, kind: str, version: int) ->
     except UNREADABLE:
         raise BadFile(path, f"is not a readable {kind}", "move it away and make it again") from None
     if found != (kind, version):
-        raise BadFile(
-            path,
-            f"is a {str(found[0])[:40]!r} of version {str(found[1])[:10]}, not a {kind!r} of version {version}",
-            "give another file",
-        )
+        problem = f"is a {str(found[0])[:40]!r} of version {str(found[1])[:10]}, not a {kind!r} of version {version}"
+        raise BadFile(path, problem, "give another file")
     return header
-
-
-def _numbers(data: bytes) -> NDArray:
-    """Return the array of numbers in the bytes of an .npy."""
-    array = array_of(data)
-    if array.dtype.kind not in KINDS:
-        raise ValueError("an .npy that holds no numbers")
-    return array
 
 
 def _member(name: str, compression: int = zipfile.ZIP_DEFLATED) -> zipfile.ZipInfo:

@@ -48,11 +48,8 @@ def read_csv(path: str | Path, example: str) -> tuple[list[str], NDArray[np.floa
         for column, cell in enumerate(line):
             value = np.nan if not cell.strip() else _number(cell)
             if value is None or np.isinf(value):
-                raise InvalidInput(
-                    f"row {row + 2}",
-                    f"of {str(path)!r} holds {cell.strip()[:20]!r} under {names[column]!r}",
-                    "give a number, or nothing where there is no measurement",
-                )
+                problem = f"of {str(path)!r} holds {cell.strip()[:20]!r} under {names[column]!r}"
+                raise InvalidInput(f"row {row + 2}", problem, "give a number, or nothing where there is no measurement")
             numbers[row, column] = value
     return names, numbers
 

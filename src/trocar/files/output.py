@@ -8,18 +8,24 @@ from __future__ import annotations
 
 import csv
 import errno
+import itertools
 import json
 import os
+import re
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from io import StringIO
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import BadFile, InvalidInput, MachineError, TrocarError
-from trocar.files.atomic import drafted
+
+try:
+    import fcntl
+except ImportError:  # Windows: drafts of killed processes stay
+    fcntl = None
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,12 +42,12 @@ NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.EINVAL)
 SEARCHED_BYTES = 64 << 10
 """A mark is searched for in this many bytes at a file's beginning and at its end."""
 
-COMMENTS: dict[str, Callable[[str], str]] = {
-    ".html": "<!-- {} -->\n".format,
-    ".toml": "# {}\n".format,
-    ".urdf": "<!-- {} -->\n".format,
-    ".xml": "<!-- {} -->\n".format,
-}
+DRAFT = re.compile(r"\.trocar-\d+-\d+\.part(\.\w+)?")
+"""Names of drafts: a number of the process, and one of the file."""
+_NUMBERS = itertools.count()
+
+_XML = "<!-- {} -->\n".format
+COMMENTS = {".html": _XML, ".urdf": _XML, ".xml": _XML, ".toml": "# {}\n".format}
 """The mark of a text file, in a comment at its end."""
 
 
@@ -102,14 +108,57 @@ def require_place(path: str | Path, kind: str, inputs: Sequence[str | Path] = ()
         if path.is_dir():
             raise BadFile(path, "is a folder where a file is to be", "give another name or folder")
         if path.exists() and not bears(path, mark or mark_of(kind)):
-            raise InvalidInput(
-                f"{str(path)!r} already exists and",
-                f"is not a {kind} that Trocar wrote, so it is not replaced",
-                "give another name or folder, or move it away",
-            )
+            problem = f"is not a {kind} that Trocar wrote, so it is not replaced"
+            remedy = "give another name or folder, or move it away"
+            raise InvalidInput(f"{str(path)!r} already exists and", problem, remedy)
     except OSError as error:
         raise blame(error)(f"cannot look at {str(path)!r} ({error.strerror}); give another name or folder") from None
     return path
+
+
+@contextmanager
+def drafted(path: str | Path) -> Iterator[Path]:
+    """Yield an empty draft beside a file that is to be written, and remove it unless it has become that file.
+
+    Drafts in the same folder whose process was killed are removed first. A lock distinguishes them from those still
+    being written, even across machines or containers, where process ids mean nothing. The system frees the lock of a
+    process that ends, however it ends.
+
+    Raises:
+        OSError: the folder does not exist, is full, or is not writable.
+    """
+    path = Path(path)
+    clear_drafts(path.parent)
+    draft = path.with_name(f".trocar-{os.getpid()}-{next(_NUMBERS)}.part{path.suffix}")
+    handle = os.open(draft, os.O_CREAT | os.O_RDWR, 0o666)
+    try:
+        if fcntl is None:
+            os.close(handle)  # on Windows, an open file cannot be renamed
+        else:
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(handle, fcntl.LOCK_SH)
+        yield draft
+    finally:
+        draft.unlink(missing_ok=True)
+        if fcntl is not None:
+            os.close(handle)
+
+
+def clear_drafts(folder: str | Path) -> None:
+    """Remove the drafts that killed processes left in a folder, where locks can tell; nothing else is touched."""
+    if fcntl is None:
+        return
+    entries: list[os.DirEntry[str]] = []
+    with suppress(OSError):  # a folder that does not exist, or is writable but not readable
+        entries = [entry for entry in os.scandir(folder) if DRAFT.fullmatch(entry.name)]
+    for entry in entries:
+        with suppress(OSError):  # another process is writing it or has removed it, or it is not ours to remove
+            handle = os.open(entry.path, os.O_RDWR)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                os.unlink(entry.path)
+            finally:
+                os.close(handle)
 
 
 @contextmanager

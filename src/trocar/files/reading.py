@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import BadFile
+from trocar.errors import BadFile, TrocarError
 
 MAX_BYTES = 1 << 30
 """Maximum size of a file's unpacked content; a file that claims more is refused before anything is allocated."""
@@ -94,6 +94,26 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
         raise
     except UNREADABLE as error:
         raise ValueError(str(error)) from None
+
+
+def read_numbers(path: str | Path, what: str, name: str = "") -> NDArray[np.float64]:
+    """Return the numbers in an ``.npy``, or in the array of this name in an ``.npz``; ``what`` they are is for errors.
+
+    Raises:
+        BadFile: there is no such file, or it holds no such numbers.
+    """
+    path, remedy = Path(path), f"give a .npy {'or .npz' if name else 'file'} with {what}"
+    if not path.is_file():
+        raise BadFile(path, "is a folder" if path.is_dir() else "does not exist", remedy, kind="file")
+    try:
+        arrays = read_arrays(path)
+        if not arrays.keys() & {"", name}:
+            raise BadFile(path, f"holds {sorted(arrays)} but no array {name!r}", remedy, kind="file")
+        return arrays["" if "" in arrays else name].astype(np.float64, casting="same_kind")
+    except TrocarError:
+        raise
+    except (OSError, ValueError, TypeError):
+        raise BadFile(path, "cannot be read as numbers", remedy, kind="file") from None
 
 
 def array_of(data: bytes) -> NDArray[Any]:

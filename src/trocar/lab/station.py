@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,17 +123,8 @@ class SensorFlaws:
     @staticmethod
     def none() -> SensorFlaws:
         """Return the perfect sensor: exact depth everywhere, noiseless colour, light without shadow."""
-        return SensorFlaws(
-            axial_m=0.0,
-            waviness_m=0.0,
-            grazing_cos=0.0,
-            missing=0.0,
-            shadow=False,
-            edge_missing=0.0,
-            edge_mixed=0.0,
-            specular_missing=0.0,
-            color_sd=0.0,
-        )
+        sizes = (field for field in fields(SensorFlaws) if field.name not in ("waviness_px", "reference_m"))
+        return SensorFlaws(**{field.name: type(field.default)(0) for field in sizes})  # type: ignore[call-arg]
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +269,15 @@ class Station:
             raise UnknownName(f"station {self.name!r}: arm", name, self.arms)
         return self.arms[name]
 
+    def calibration_box(self, arm: str) -> MotionBox:
+        """Return where an arm moves during a calibration; raise InvalidInput if the station does not say."""
+        box = self.arm(arm).calibration
+        if box is None:
+            problem = f"does not define where arm {arm!r} moves during calibration"
+            remedy = f"add 'calibration' to [arms.{arm}], or choose a method that needs none"
+            raise InvalidInput(f"station {self.name!r}", problem, remedy)
+        return box
+
     @property
     def models(self) -> dict[str, ArmModel]:
         """Return the arms' models by name."""
@@ -309,9 +309,7 @@ class Station:
             if name not in relevant:
                 doing = f"{task!r} at station" if task else "what is done at station"
                 raise InvalidInput(
-                    f"flaw {name!r}",
-                    f"has no effect on {doing} {self.name!r}",
-                    f"choose one of {', '.join(relevant)}",
+                    f"flaw {name!r}", f"has no effect on {doing} {self.name!r}", f"choose one of {', '.join(relevant)}"
                 )
         return self
 

@@ -139,9 +139,7 @@ def _with_line(text: str, group: str, name: str, line: str) -> str:
     heads = [number for number, found in enumerate(lines) if header.match(found)]
     if not heads:
         raise InvalidInput(
-            "the station's file",
-            f"has no table [{group}.{name}]",
-            f"write {name!r} as one, then register it again",
+            "the station's file", f"has no table [{group}.{name}]", f"write {name!r} as one, then register it again"
         )
     first = heads[0] + 1
     last = next((n for n in range(first, len(lines)) if lines[n].lstrip().startswith("[")), len(lines))

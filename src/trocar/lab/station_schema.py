@@ -17,14 +17,7 @@ from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import SE3, SO3
-from trocar.lab.station import (
-    CheckerboardRegistration,
-    Registration,
-    SensorFlaws,
-    Station,
-    StationArm,
-    StationCamera,
-)
+from trocar.lab.station import CheckerboardRegistration, Registration, SensorFlaws, Station, StationArm, StationCamera
 from trocar.lab.transmission import TRANSMISSIONS
 from trocar.perception.checkerboard import MAX_CORNERS, MAX_SQUARE_M, MIN_CORNERS, MIN_VIEWS, Checkerboard
 from trocar.perception.image import Intrinsics, StereoRig

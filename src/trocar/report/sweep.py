@@ -27,7 +27,7 @@ WIDTH_IN, HEIGHT_IN = 2.7, 4.4
 OWN_KEYS = ("task", "methods", "seeds", "flaws", "options")
 """Keys of a sweep's file besides the options of a run."""
 RUN_KEYS = tuple(
-    f.name for f in fields(RunConfig) if f.name not in ("task", "method", "seed", "flaws", "plugins", "_built")
+    f.name for f in fields(RunConfig) if f.init and f.name not in ("task", "method", "seed", "flaws", "plugins")
 )
 COMPENSATED_ALONE = ("model", "calibration", "prior", "new_session", "refit_offsets")
 """Options that only methods with a calibration have; a sweep gives them to no other."""

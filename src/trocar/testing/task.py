@@ -18,7 +18,8 @@ from trocar.errors import InvalidInput
 from trocar.eval import TASKS, AgentContext, Method, Task, methods_of, perceptions_of, pick_method, pick_perception
 from trocar.eval.config import RunConfig
 from trocar.eval.method import METHODS
-from trocar.eval.run import prepare, run_trial
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.lab import SensorFlaws, Station, check_station, load_station

@@ -9,7 +9,8 @@ import pytest
 
 from trocar.eval.config import RunConfig
 from trocar.eval.method import METHODS
-from trocar.eval.run import prepare, run_trial
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
 from trocar.eval.trial import trial_file
 from trocar.lab import station_text
 from trocar.report.files import report_of

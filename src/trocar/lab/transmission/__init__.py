@@ -1,11 +1,9 @@
 """What lies between an encoder and its joint: identified cables, or a field of errors."""
 
 from trocar.calibration.plant import PLANTS, PSM1_GREY_SESSIONS
-from trocar.lab.transmission.base import DriveTrain, Transmission
+from trocar.lab.transmission.base import DriveTrain, JawCable, Stiff, Transmission
 from trocar.lab.transmission.cables import Cables
-from trocar.lab.transmission.jaw import JawCable
 from trocar.lab.transmission.pose_error_field import PoseErrorField
-from trocar.lab.transmission.stiff import Stiff
 from trocar.registry import Registry
 
 SESSIONS = {"psm1_grey": PSM1_GREY_SESSIONS}

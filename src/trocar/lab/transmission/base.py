@@ -1,7 +1,8 @@
-"""What lies between an encoder and its joint, and a running instance of it."""
+"""What lies between an encoder and its joint, a running instance of it, and the simplest ones."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -17,7 +18,7 @@ CREEP_TIME_S = 300.0
 
 
 class Transmission(Protocol):
-    """What an instrument's drive does to the joints; drawn anew for every session."""
+    """What an instrument's drive does to the joints, drawn anew for every session; no errors unless a class says so."""
 
     @property
     def source(self) -> str:
@@ -27,22 +28,22 @@ class Transmission(Protocol):
     @property
     def flaws(self) -> tuple[str, ...]:
         """Return the names of the flaws in ``FLAWS`` that have an effect on it."""
-        ...
+        return ()
 
     @property
     def unrepeatable_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of the joints' error that no model can reproduce, rad and m."""
-        ...
+        return np.zeros(6)
 
     @property
     def measurement_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of one measurement of the joints by fiducials, rad and m."""
-        ...
+        return np.zeros(6)
 
     @property
     def creep_sd(self) -> NDArray[np.float64]:
         """Return the SD (6,) of the part that wanders over minutes, rad and m."""
-        ...
+        return np.zeros(6)
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Self:
         """Return the same instrument in another session."""
@@ -90,3 +91,48 @@ class DriveTrain:
         """Return where the joints (6,) are held after the command (6,); to be called along the path."""
         q, self._memory = self.transmission.step(self._memory, q_cmd)
         return q + self._drift + self._creep
+
+
+@dataclass(frozen=True)
+class Stiff(Transmission):
+    """Joints that follow their encoders exactly: no cables at all, in every session and at every difficulty."""
+
+    @property
+    def source(self) -> str:
+        """Return what it is."""
+        return "joints that follow their encoders exactly"
+
+    def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Stiff:
+        """Return itself: sessions do not differ."""
+        del rng, difficulty
+        return self
+
+    def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> None:
+        """Return None: it has no state."""
+
+    def step(self, memory: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
+        """Return the joints (6,): the command."""
+        return q_cmd.copy(), memory
+
+
+@dataclass(frozen=True)
+class JawCable:
+    """Jaws with a constant offset that follow with play.
+
+    Attributes:
+        offset_rad: true minus encoder angle, in one session.
+        play_rad: half-width of the play.
+    """
+
+    offset_rad: float = 0.0
+    play_rad: float = 0.0
+
+    @staticmethod
+    def drawn(rng: np.random.Generator, size_rad: float) -> JawCable:
+        """Return the cable of a session."""
+        return JawCable(size_rad * float(rng.standard_normal()), size_rad)
+
+    def step(self, followed_rad: float, jaw_rad: float) -> tuple[float, float]:
+        """Return the angle to which a command pulls the jaws, and the output of the play."""
+        followed = min(max(followed_rad, jaw_rad - self.play_rad), jaw_rad + self.play_rad)
+        return followed + self.offset_rad, followed

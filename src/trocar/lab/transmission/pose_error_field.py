@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 from trocar.checks import require_numbers
 from trocar.geometry import TURN
 from trocar.lab.flaws import Difficulty
+from trocar.lab.transmission.base import Transmission
 
 
 @dataclass(frozen=True, eq=False)
-class PoseErrorField:
+class PoseErrorField(Transmission):
     """Joints that are off by a constant of the session and by a smooth field over the joints' space, with some play.
 
     ``q_joint = q_cmd + bias + sum_k a_k sin(w_k q_cmd + p_k) + slack``: a cable-driven arm whose encoders sit at the
@@ -22,7 +24,7 @@ class PoseErrorField:
     the measured bias is along the vertical, and so along the insertion of an instrument that works downwards. One
     session was recorded, so it is unknown how sizes vary: the constant has the same size in every session, for the
     outer joints and for the wrist, but a different direction in the space of either (assumed). Tested in
-    ``tests/station/test_transmission.py``.
+    ``tests/lab/test_transmission.py``.
 
     Attributes:
         bias_rms: (6,) of the constant, rad and m.
@@ -46,7 +48,7 @@ class PoseErrorField:
     phases: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     amplitudes: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
 
-    WAVES = 24
+    WAVES: ClassVar[int] = 24
 
     def __post_init__(self) -> None:
         require_numbers(self)
@@ -70,11 +72,6 @@ class PoseErrorField:
     def measurement_sd(self) -> NDArray[np.float64]:
         """Return the SD of one measurement by fiducials, assumed to be as large as the unrepeatable part."""
         return np.array(self.noise_sd)
-
-    @property
-    def creep_sd(self) -> NDArray[np.float64]:
-        """Return zeros: nothing wanders over minutes."""
-        return np.zeros(6)
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> PoseErrorField:
         """Return another session, with another constant and another field."""

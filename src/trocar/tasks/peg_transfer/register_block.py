@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 from numpy.typing import ArrayLike, NDArray
+from typer import Argument, Option
 
+from trocar.cli.group import Known, Result
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
 from trocar.tasks.peg_transfer.shapes import Block
@@ -24,7 +24,11 @@ MAX_RMS_M = 1.0e-3
 MIN_COVERED = 0.4
 COVER_M = 0.7e-3
 
-app = typer.Typer(rich_markup_mode=None, add_completion=False)
+app = Known(
+    "Find the block whose top face a depth camera captured; exit code 1 if there is none.",
+    f"{__name__}:block",
+    "trocar register block capture.npz --unit mm --json",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +44,17 @@ class CloudFit:
     covered: float  # share of the face that is near points
 
 
-@app.command(epilog="Example: trocar register block capture.npz --unit mm --json")
 def block(
     capture: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="CAPTURE",
             help="Points (n, 3) on one top face, seen from their origin: .npz with points_mm or points_m, or .npy.",
         ),
     ],
     *,
-    unit: Annotated[str | None, typer.Option(help="mm or m; needed where the array's name does not say it.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:
+    unit: Annotated[str | None, Option(help="mm or m; needed where the array's name does not say it.")] = None,
+) -> Result:
     """Find the block whose top face a depth camera captured; exit code 1 if there is none.
 
     The block frame lies in the middle of the top face, z into the block; yaw is one of three equal ones.
@@ -66,28 +68,24 @@ def block(
     fit = fit_cloud(points, model)
     compute_ms = 1e3 * (time.perf_counter() - start)
     pose = None if fit.T_capture_block is None else fit.T_capture_block.matrix
-    if as_json:
-        answer = {
-            "found": fit.found,
-            "reason": fit.reason,
-            "T_capture_block": None if pose is None else pose.tolist(),
-            "rms_m": fit.rms_m if np.isfinite(fit.rms_m) else None,
-            "points": len(points),
-            "inliers": fit.inliers,
-            "covered": fit.covered,
-            "compute_ms": compute_ms,
-        }
-        typer.echo(json.dumps(answer))
-    else:
-        typer.echo(f"block: {fit.reason}")
-        if pose is not None:
-            typer.echo(f"T_capture_block (m):\n{np.array2string(pose, precision=6, suppress_small=True)}")
-            typer.echo(
-                f"rms {fit.rms_m * 1e3:.2f} mm, {fit.inliers} of {len(points)} points on the face, "
-                f"{fit.covered:.0%} of it covered; {compute_ms:.1f} ms"
-            )
-    if not fit.found:
-        raise typer.Exit(1)
+    summary = {
+        "found": fit.found,
+        "reason": fit.reason,
+        "T_capture_block": None if pose is None else pose.tolist(),
+        "rms_m": fit.rms_m if np.isfinite(fit.rms_m) else None,
+        "points": len(points),
+        "inliers": fit.inliers,
+        "covered": fit.covered,
+        "compute_ms": compute_ms,
+    }
+    lines = [f"block: {fit.reason}"]
+    if pose is not None:
+        lines += [
+            f"T_capture_block (m):\n{np.array2string(pose, precision=6, suppress_small=True)}",
+            f"rms {fit.rms_m * 1e3:.2f} mm, {fit.inliers} of {len(points)} points on the face, "
+            f"{fit.covered:.0%} of it covered; {compute_ms:.1f} ms",
+        ]
+    return Result(summary, lines, succeeded=fit.found)
 
 
 def fit_cloud(points_m: ArrayLike, block: Block) -> CloudFit:

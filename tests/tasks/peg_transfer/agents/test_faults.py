@@ -15,7 +15,8 @@ from trocar.calibration.models import OffsetModel
 from trocar.calibration.models.base import TrainingMotion
 from trocar.errors import TrocarError
 from trocar.eval.config import RunConfig
-from trocar.eval.run import Prepared, run_trial
+from trocar.eval.prepare import Prepared
+from trocar.eval.run import run_trial
 from trocar.eval.trial import Trial
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage

@@ -150,7 +150,7 @@ def suture(
     check_out_folder(out, FILES)
     spacing = options.spacing_of(count, positions, min_gap_deg, max_gap_deg, forbid_deg or (), fix_deg or ())
     if view:
-        need("view", "viser")
+        need("view")
     recorded = options.recorded(demonstrations)
     started = time.perf_counter()
     map = dexterity(setup, reward, positions, recorded)
