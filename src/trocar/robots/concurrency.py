@@ -89,3 +89,16 @@ async def first_of(*events: trio.Event) -> None:
     async with trio.open_nursery() as nursery:
         for event in events:
             nursery.start_soon(wait, event)
+
+
+def cause_of(error: BaseException) -> BaseException:
+    """Return what is behind the groups that nurseries make of exceptions: an interruption, or else the first."""
+    leaves: list[BaseException] = []
+    rest: list[BaseException] = [error]
+    while rest:
+        next_one = rest.pop(0)
+        if isinstance(next_one, BaseExceptionGroup):
+            rest.extend(next_one.exceptions)
+        else:
+            leaves.append(next_one)
+    return next((leaf for leaf in leaves if not isinstance(leaf, Exception)), leaves[0])

@@ -17,6 +17,7 @@ from trocar.lab.session import Session, draw_session
 from trocar.lab.transmission import DriveTrain
 from trocar.log import CellLog
 from trocar.robots import TICK_S, ArmGuard, Guarded, JointEstimator
+from trocar.robots.concurrency import cause_of
 from trocar.sim.cameras import CameraRenderer, SimCamera
 from trocar.sim.pace import Pace, Script, Stepping, Virtual, repeat_scheduling
 from trocar.sim.record import Record
@@ -190,7 +191,7 @@ class SimLaboratory:
             except BaseException as error:
                 if self._watchdog.asked:
                     raise self._interruption() from None
-                raise (_cause(error) if isinstance(error, BaseExceptionGroup) else error) from None
+                raise cause_of(error) from None
         if self._watchdog.asked:
             raise self._interruption()
         return ended
@@ -259,16 +260,3 @@ class SimLaboratory:
 def simulated(station: Station, rng: np.random.Generator) -> SimLaboratory:
     """Return a simulated laboratory in a session drawn from the generator, with nothing on its table."""
     return SimLaboratory(draw_session(station, rng), rng=rng)
-
-
-def _cause(group: BaseExceptionGroup) -> BaseException:
-    """Return the relevant exception of a nursery's group: an interruption, or else the first."""
-    leaves: list[BaseException] = []
-    rest: list[BaseException] = [group]
-    while rest:
-        error = rest.pop(0)
-        if isinstance(error, BaseExceptionGroup):
-            rest.extend(error.exceptions)
-        else:
-            leaves.append(error)
-    return next((leaf for leaf in leaves if not isinstance(leaf, Exception)), leaves[0])
