@@ -16,6 +16,7 @@ from trocar.lab.session import Session, draw_session
 from trocar.lab.transmission import DriveTrain
 from trocar.log import CellLog, timed
 from trocar.robots import TICK_S, ArmGuard, Guarded, JointEstimator
+from trocar.robots.concurrency import cause_of
 from trocar.sim.cameras import CameraRenderer, SimCamera
 from trocar.sim.pace import Pace, Script, Stepping, repeat_scheduling
 from trocar.sim.record import ContactMonitor, Record, Recorder
@@ -170,7 +171,7 @@ class SimLaboratory:
                 ended = trio.run(self._run, script, budget_s, pace, clock, clock=clock)
             except BaseException as error:
                 if not self._watchdog.asked:
-                    raise (_cause(error) if isinstance(error, BaseExceptionGroup) else error) from None
+                    raise cause_of(error) from None
         if self._watchdog.asked:
             where = self._watchdog.where
             raise KeyboardInterrupt(*([f"stopped in {where}, which let no time pass"] if where else []))
@@ -237,12 +238,3 @@ class SimLaboratory:
 def simulated(station: Station, rng: np.random.Generator) -> SimLaboratory:
     """Return a simulated laboratory in a session drawn from the generator, with nothing on its table."""
     return SimLaboratory(draw_session(station, rng), rng=rng)
-
-
-def _cause(group: BaseExceptionGroup) -> BaseException:
-    """Return the relevant exception of a nursery's group: an interruption, or else the first."""
-    errors: list[BaseException] = [group]
-    for error in errors:  # the list grows by what is in each group
-        errors.extend(error.exceptions if isinstance(error, BaseExceptionGroup) else ())
-    leaves = [error for error in errors if not isinstance(error, BaseExceptionGroup)]
-    return next((leaf for leaf in leaves if not isinstance(leaf, Exception)), leaves[0])
