@@ -49,11 +49,7 @@ class Program:
         self.constraints[what] = (rows, low, high)
 
     def least(self) -> Array:
-        """Return the solution (n,).
-
-        Raises:
-            NoPlan: the constraints contradict one another, or the solver gives up; the message names them.
-        """
+        """Return the solution (n,), or raise NoPlan: the constraints that it names contradict, or the solver quits."""
         dense, size = isinstance(self.hessian, np.ndarray), len(self.linear)
         solver: Any = piqp.DenseSolver() if dense else piqp.SparseSolver()
         solver.settings.eps_abs, solver.settings.eps_rel = self.precision, self.relative
