@@ -70,6 +70,6 @@ class Program:
         parts, lows, highs = zip(*self.constraints.values(), strict=True)
         low, high = np.concatenate(lows), np.concatenate(highs)
         rows: Any = sparse.vstack(parts, format="csr")
-        equal, bounded = low == high, low < high
+        equal = low == high
         equations = (rows[equal].tocsc(), low[equal]) if equal.any() else (None, None)
-        return *equations, *((rows[bounded].tocsc(), low[bounded], high[bounded]) if bounded.any() else (None,) * 3)
+        return *equations, *((rows[~equal].tocsc(), low[~equal], high[~equal]) if not equal.all() else (None,) * 3)
