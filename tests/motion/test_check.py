@@ -21,7 +21,7 @@ from trocar.motion import (
     plan_motion,
     vertical_deviation_m,
 )
-from trocar.motion.check import check, line_deviation, tip_speeds_m_s, tip_use
+from trocar.motion.check import check, line_deviation, tip_use
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT
 
@@ -352,16 +352,6 @@ def test_an_angle_is_between_the_axis_and_the_way_to_the_point():
 def test_what_cannot_be_faced_is_refused(given, words):
     with pytest.raises(TrocarError, match=words):
         Facing(**{"axis": [0, 1, 0], "towards_m": [0, 0, 1], "max_rad": 1.0} | given)
-
-
-def test_speeds_are_those_of_the_jacobian():
-    rng = np.random.default_rng(0)
-    q, v = rng.uniform(PSM.lower, PSM.upper, (50, 6)), rng.normal(size=(50, 6))
-    arm = ArmMotion(PSM, FOUR, PAPER)
-    step = 1e-5
-    apart = fk(PSM, q + step * v).translation_m - fk(PSM, q - step * v).translation_m
-    np.testing.assert_allclose(tip_speeds_m_s(arm, q, v), np.linalg.norm(apart, axis=1) / (2 * step), rtol=1e-5)
-    assert tip_speeds_m_s(arm, q, 0 * v).max() == 0.0
 
 
 def test_a_planner_that_does_not_heed_the_tip_is_told_so_where_it_matters():

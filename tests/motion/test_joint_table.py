@@ -53,7 +53,6 @@ EVEN = [0.01 * k for k in range(20)]
         ("", "is empty"),
         ("1,2\n3,4\n", "does not name its columns"),
         ("q1,q1\n3,4\n", "does not name its columns"),
-        ("t_s,q1\n0,1\n", "16 are needed"),
         ("t_s,q1\n" + "0,1\n" * 20, "do not increase at row 3"),
         (lines([*EVEN[:10], *(t + 0.005 for t in EVEN[10:])], EVEN), "not even"),
         (lines([0, 0.01, *np.arange(10, 28)], np.arange(20)).replace("2.000000,", "2.5,"), "not even|increase"),

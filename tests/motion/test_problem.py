@@ -99,10 +99,7 @@ def test_one_of_several_arms_that_is_asked_too_much_is_named():
         (lambda: TimedPath(HOLD, [0.0, np.nan]), "times must be finite"),
         (lambda: Capsule([0, 0]), r"start of a capsule must have shape \(3,\), got \(2,\)"),
         (lambda: Capsule([0, 0, 0], [0, 0, np.nan]), r"end of a capsule must be finite, got nan at \[2\]"),
-        (
-            lambda: Capsule([0, 0, 0], radius_m=-1e-9),
-            "radius of a capsule is -1e-09 m; give a finite radius",
-        ),
+        (lambda: Capsule([0, 0, 0], radius_m=-1e-9), "radius of a capsule is -1e-09 m; give a finite radius"),
         (lambda: Capsule([0, 0, 0], radius_m=np.inf), "radius of a capsule is inf m"),
         (lambda: HalfSpace([0, 0, 0], [0, 0, 0]), r"normal of a half-space is \[0, 0, 0\]; give three"),
         (lambda: wall("fence", [0, 0], [1, 0], 0.02, 0.002), "foot of wall 'fence' must have shape"),

@@ -43,6 +43,10 @@ def test_what_cannot_be_kept_is_refused_and_named():
     asked.keep("at most", sparse.csr_matrix([[1.0]]), -FREE, 0.5)
     with pytest.raises(NoPlan, match="it: none within at least, at most"):
         asked.least()
+    reversed_bounds = program(1)
+    reversed_bounds.keep("between", sparse.csr_matrix([[1.0]]), 1.0, 0.5)
+    with pytest.raises(NoPlan, match="it: none within between"):
+        reversed_bounds.least()
 
 
 def test_the_solver_gives_up_after_its_iterations():

@@ -60,13 +60,6 @@ def test_a_line_to_rest_is_as_fast_as_the_move_that_follows_it_without_a_bend():
     assert 0.9 * plain.duration_s < seconds <= plain.duration_s * (1 + 1e-6)
 
 
-def test_faster_ends_take_less_time_and_none_is_beyond_the_fastest():
-    line = line_of(FOUR[0], FOUR[1])
-    sprint = Sprint.to(line, np.linspace(0, 2 * line.fastest_rate, 30))
-    assert sprint.rates.max() == pytest.approx(line.fastest_rate)
-    assert np.all(np.diff(sprint.seconds) <= 1e-12)
-
-
 def test_one_joint_alone_takes_the_bang_bang_time():
     """The insertion of an arm in its middle moves its tip straight; 2 sqrt(d / a) to rest, sqrt(2 d / a) at speed."""
     begin = np.array([0, 0, 0.15, 0, 0, 0])
@@ -242,11 +235,3 @@ def test_joints_along_a_line_its_slopes_and_bends():
     reverse = line.reversed()
     for name in ("q", "slope", "bend"):
         np.testing.assert_allclose(getattr(reverse, name), getattr(back, name), atol=1e-6)
-
-
-def test_a_small_turn_is_exact_up_to_its_third_order():
-    rng = np.random.default_rng(1)
-    turn, now = 0.05 * rng.normal(size=(5, 3)), SO3.exp(rng.normal(size=(5, 3)))
-    size = np.linalg.norm(turn, axis=1, keepdims=True)
-    found = module._small_turn((SO3.exp(turn) @ now).matrix, now.matrix)
-    np.testing.assert_allclose(found, np.sin(size) / size * turn, atol=1e-12)

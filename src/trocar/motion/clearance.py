@@ -124,15 +124,10 @@ def clearance_of(
         name: MovingArm(arm.model, motion, arm.T_world_base, jaw_rad=arm.jaw_rad)
         for (name, arm), motion in zip(problem.arms.items(), motions, strict=True)
     }
-    return swept_clearance(
-        arms,
-        others=problem.others,
-        obstacles=problem.obstacles,
-        span_s=(0.0, max(arm.end_s for arm in (*arms.values(), *problem.others.values()))),
-        enough_m=problem.min_distance_m,
-        too_near_m=too_near_m,
-        resolution_m=resolution_m,
-    )
+    others, obstacles, enough_m = problem.others, problem.obstacles, problem.min_distance_m
+    span_s = 0.0, max(arm.end_s for arm in (*arms.values(), *others.values()))
+    wanted = {"enough_m": enough_m, "too_near_m": too_near_m, "resolution_m": resolution_m}
+    return swept_clearance(arms, others=others, obstacles=obstacles, span_s=span_s, **wanted)
 
 
 def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> Array:

@@ -34,8 +34,7 @@ def shortest_to_rest_s(
 ) -> Array:
     """Return the least time from a moving start to rest at a distance of either sign, s.
 
-    If braking at once stops short of the goal, the motion is a trapezoid of velocity cut off at its start; if it
-    overshoots or leads away, the joint brakes and comes back from rest.
+    If braking at once stops short of the goal, it goes on; if it overshoots or leads away, it comes back from rest.
     """
     d, v0, v, a = (np.asarray(x, dtype=np.float64) for x in (distance, start_velocity, velocity, acceleration))
     braking_s, stop = np.abs(v0) / a, v0 * np.abs(v0) / (2 * a)

@@ -89,12 +89,9 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     if limits.jerk is not None:
         jerk = np.abs(jerks[0]).max(axis=1) / limits.jerk
         jerk[_acceleration_jumps(trajectory, limits)] = np.inf
-    return LimitUse(
-        velocity=np.abs(v).max(axis=1) / limits.velocity,
-        acceleration=np.abs(a).max(axis=1) / limits.acceleration,
-        jerk=jerk,
-        range_excess=np.maximum(0.0, np.maximum(arm.lower - q.min(axis=1), q.max(axis=1) - arm.upper)),
-    )
+    speed, push = np.abs(v).max(axis=1) / limits.velocity, np.abs(a).max(axis=1) / limits.acceleration
+    beyond = np.maximum(0.0, np.maximum(arm.lower - q.min(axis=1), q.max(axis=1) - arm.upper))
+    return LimitUse(speed, push, jerk, beyond)
 
 
 def require_range(arm: ArmModel, trajectory: Trajectory) -> None:

@@ -81,23 +81,14 @@ class MotionPlan:
 
     @property
     def trajectories(self) -> Mapping[str, Trajectory]:
-        """Return the valid motion of every arm; they start together.
-
-        Raises:
-            MotionRefused: there is none; the plan's refusal.
-        """
+        """Return the valid motion of every arm, which start together; or raise the plan's refusal."""
         if self.refusal is not None:
             raise self.refusal
         return {name: path.trajectory for name, path in self.paths.items()}
 
     @property
     def trajectory(self) -> Trajectory:
-        """Return the valid motion of the only arm.
-
-        Raises:
-            MotionRefused: there is none.
-            TrocarError: several arms move.
-        """
+        """Return the valid motion of the only arm; or raise the plan's refusal, or InvalidInput if several move."""
         trajectories = self.trajectories
         if len(trajectories) > 1:
             raise InvalidInput("this plan", f"moves {', '.join(trajectories)}", "take one of its `trajectories`")

@@ -135,12 +135,7 @@ class ArmMotion:
         return bool(self.start_velocity.any())
 
     def resolved(self) -> ArmMotion:
-        """Return the same with its goals as waypoints.
-
-        Raises:
-            OutOfReach: a goal is out of reach.
-            AlreadyThere: two goals coincide, or the first with where it is.
-        """
+        """Return the same with its goals as waypoints, or raise OutOfReach, or AlreadyThere where two coincide."""
         if self.T_base_goals is None:
             return self
         points = list(self.waypoints)
@@ -157,11 +152,9 @@ class ArmMotion:
             for joint, value in zip(self.model.joints, point, strict=True):
                 beyond = slack * (joint.upper - joint.lower)
                 if not joint.lower - beyond <= value <= joint.upper + beyond:
-                    raise InvalidInput(
-                        f"waypoint {index}, joint '{joint.name}' = {value:.4f} {joint.unit}",
-                        f"is outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} of {self.model.name}",
-                        "move it inside",
-                    )
+                    where = f"waypoint {index}, joint '{joint.name}' = {value:.4f} {joint.unit}"
+                    ends = f"[{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} of {self.model.name}"
+                    raise InvalidInput(where, f"is outside {ends}", "move it inside")
 
     @property
     def _goals(self) -> int:
@@ -255,12 +248,7 @@ class MotionProblem:
         return f"<MotionProblem {'; '.join(parts)}>"
 
     def resolved(self) -> MotionProblem:
-        """Return the same with all goals as waypoints, as planners get it.
-
-        Raises:
-            OutOfReach: a goal is out of reach; names the arm.
-            AlreadyThere: a goal is where an arm already is; names the arm.
-        """
+        """Return the same with all goals as waypoints, as planners get it; its errors name the arm."""
         arms = {}
         for name, arm in self.arms.items():
             try:

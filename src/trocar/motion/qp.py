@@ -49,11 +49,7 @@ class Program:
         self.constraints[what] = (rows, low, high)
 
     def least(self) -> Array:
-        """Return the solution (n,).
-
-        Raises:
-            NoPlan: the constraints contradict one another, or the solver gives up; the message names them.
-        """
+        """Return the solution (n,), or raise NoPlan: the constraints that it names contradict, or the solver quits."""
         dense, size = isinstance(self.hessian, np.ndarray), len(self.linear)
         solver: Any = piqp.DenseSolver() if dense else piqp.SparseSolver()
         solver.settings.eps_abs, solver.settings.eps_rel = self.precision, self.relative
@@ -74,6 +70,6 @@ class Program:
         parts, lows, highs = zip(*self.constraints.values(), strict=True)
         low, high = np.concatenate(lows), np.concatenate(highs)
         rows: Any = sparse.vstack(parts, format="csr")
-        equal, bounded = low == high, low < high
+        equal = low == high
         equations = (rows[equal].tocsc(), low[equal]) if equal.any() else (None, None)
-        return *equations, *((rows[bounded].tocsc(), low[bounded], high[bounded]) if bounded.any() else (None,) * 3)
+        return *equations, *((rows[~equal].tocsc(), low[~equal], high[~equal]) if not equal.all() else (None,) * 3)

@@ -190,8 +190,6 @@ def _shortest(waypoints: Array, velocities: Array, limits: MotionLimits, first_s
         if np.isfinite(durations).all():
             return durations
         if longest == LONGEST_S:
-            raise NoPlan(
-                f"no cubic of up to {LONGEST_S:.0f} s joins the waypoints within the motion limits; raise the limits "
-                f"or bring the waypoints closer"
-            )
+            reason = f"no cubic of up to {LONGEST_S:.0f} s joins the waypoints within the motion limits"
+            raise NoPlan(f"{reason}; raise the limits or bring the waypoints closer")
         longest = min(2 * longest, LONGEST_S)

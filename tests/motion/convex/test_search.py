@@ -14,7 +14,7 @@ from trocar.geometry import SE3
 from trocar.motion import ArmMotion, Capsule, Facing, MotionProblem, MovingArm
 from trocar.motion.convex import search as module
 from trocar.motion.convex.path_program import Rows
-from trocar.motion.convex.scene import Scene, joint_path
+from trocar.motion.convex.scene import Scene
 from trocar.motion.convex.search import PATIENT, QUICK, Effort, Search, Sight, passing_shares, plain_path
 from trocar.trajectory import Trajectory
 
@@ -243,16 +243,6 @@ def test_a_path_out_of_its_range_or_turned_aside_is_not_certified():
     np.testing.assert_allclose(margins, [0.02, 0.04, 0.08, 0.1, 0.1, 0.1])
 
 
-def test_a_clear_path_is_certified_and_one_that_leads_through_something_is_told():
-    search = search_for(APART)
-    timing = search.certified(search._plain_path())
-    np.testing.assert_allclose(timing.motion(timing.motion.duration_s)[:6], APART.arms["left"].waypoints[1], atol=1e-9)
-    crossing = search_for(CROSSING)
-    crossing.passes_through = False
-    assert crossing.certified(crossing._plain_path()) is None
-    assert crossing.passes_through and crossing.margin_m == module.MARGIN_M
-
-
 @pytest.mark.parametrize("missing_m", [1e-3, 2.9e-3, 3.1e-3])
 def test_a_path_that_is_a_little_too_near_is_looked_at_more_closely_there(missing_m):
     arm = APART.arms["left"]
@@ -311,18 +301,6 @@ def test_where_another_arm_moves_a_motion_waits_for_it_no_longer_than_needed():
             assert Scene.of(problem).distances(sooner(times), times).distance_m.min() < 1e-3
         seconds.append(timing.motion.duration_s)
     assert seconds[0] < seconds[1] < seconds[2]
-
-
-def test_a_start_that_breaks_nothing_is_the_answer_and_one_that_collides_is_bent():
-    search = search_for(APART)
-    straight = search.followed(search.starts.plain, QUICK)
-    plain = search.certified(search._plain_path())
-    assert straight.motion.duration_s == pytest.approx(plain.motion.duration_s, rel=0.02)
-    crossing = search_for(CROSSING)
-    timing = crossing.followed(crossing.starts.few()[0])
-    assert timing is not None
-    split = {name: joint_path(timing.motion, k) for k, name in enumerate(CROSSING.arms)}
-    assert least_m(CROSSING, split, timing.motion.duration_s) > 1e-3 - 1e-5
 
 
 def test_margins_are_kept_beside_the_distances_that_are_asked():

@@ -94,12 +94,8 @@ def _too_near(scene: Scene, pair: NDArray[np.intp], where: str, distance_m: floa
     a, b = (scene.bodies.names[body] for body in pair)
     place = where if where.startswith("waypoint") else f"the {where}"
     near, wanted = (shown(value, "m", ".2f") for value in (distance_m, required_m))
+    sentence = f"infeasible: at {place}, {a} is {near} from {b}, not {wanted}; move {place}"
+    arms, at_start = scene.bodies.arms_of(pair), where == "start"
     return TooNear(
-        f"infeasible: at {place}, {a} is {near} from {b}, not {wanted}; move {place}",
-        first=a,
-        second=b,
-        distance_m=distance_m,
-        required_m=required_m,
-        arms=scene.bodies.arms_of(pair),
-        at_start=where == "start",
+        sentence, first=a, second=b, distance_m=distance_m, required_m=required_m, arms=arms, at_start=at_start
     )
