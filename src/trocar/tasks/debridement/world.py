@@ -48,7 +48,6 @@ CLING_REACH_M = 0.3e-3  # a charged fragment clings to a finger that it touched 
 
 DRY = {"priority": 2, "friction": DRY_FRICTION}
 
-
 GRASP_PRESS_N = 2.0
 """Jaws that approach a fragment may brush the work surface with up to this force: an arm that yields 1 mm/N is 2 mm too
 low then, which is the planned distance between the fingers' ends and the surface. More is a collision, as is any other

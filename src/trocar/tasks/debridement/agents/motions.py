@@ -41,16 +41,11 @@ class NotItsTurn(MotionRefused):
 
 
 class NoMotion(MotionRefused):
-    """An arm does not come further: no plan was found, or the robot refused it, or stopped it before a collision.
-
-    Attributes:
-        arm: its name.
-        cause: why.
-        lasting: only other estimates would help, because no other arm is in the way.
-    """
+    """An arm does not come further: no plan was found, or the robot refused it, or stopped it before a collision."""
 
     def __init__(self, arm: str, cause: MotionRefused, *, lasting: bool = False):
-        self.arm, self.cause, self.lasting = arm, cause, lasting
+        self.arm, self.cause = arm, cause
+        self.lasting = lasting  # only other estimates would help, because no other arm is in the way
         super().__init__(str(cause))
 
     @property

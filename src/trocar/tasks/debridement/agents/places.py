@@ -44,24 +44,19 @@ class Grasp:
 
 
 class Places:
-    """Places in the world.
-
-    Attributes:
-        table_m: height of the work surface in the world.
-        receptacle_m: (3,) the middle of the receptacle's floor.
-        settings: of the method.
-    """
+    """Places in the world; sides are +1 of the arm at +x, the left one, and -1."""
 
     def __init__(self, T_world_table: SE3, T_world_receptacle: SE3, settings: Settings):
-        self.table_m = float(T_world_table.translation_m[2])
-        self.receptacle_m, self.settings = T_world_receptacle.translation_m, settings
+        self.table_m = float(T_world_table.translation_m[2])  # height of the work surface in the world
+        self.receptacle_m = T_world_receptacle.translation_m  # the middle of its floor
+        self.settings = settings
 
     def side(self, T_world_base: SE3) -> int:
-        """Return on which side of the receptacle an arm stands: +1 at +x, the left one, or -1."""
+        """Return on which side of the receptacle an arm stands."""
         return 1 if T_world_base.translation_m[0] > self.receptacle_m[0] else -1
 
     def hold(self, side: int, turn_rad: float) -> list[SE3]:
-        """Return where an arm (side +1: the one at +x) at this rotation may wait beside the receptacle, best first."""
+        """Return where an arm with this rotation may wait beside the receptacle, best first."""
         return self._around(side, turn_rad, BESIDE_M, -BEHIND_M, self.settings.hold_high_m)
 
     def home(self, side: int, turn_rad: float) -> list[SE3]:

@@ -13,16 +13,8 @@ from trocar.perception.color import RED_FOAM, to_hsv
 from trocar.perception.depth import rays_through
 from trocar.perception.image import StereoImage
 from trocar.perception.stereo import disparity_map, rectify
-from trocar.tasks.debridement.perception.regions import (
-    HIGHEST_M,
-    MIN_AREA_M2,
-    Region,
-    group_regions,
-    plane_disparity,
-    shifted_onto,
-    solidity,
-    split_convex,
-)
+from trocar.tasks.debridement.perception import regions
+from trocar.tasks.debridement.perception.regions import MIN_AREA_M2, Region, shifted_onto
 
 SAME_M = 0.010  # two places this close, seen from above, are the same fragment
 MIDDLE_M = 3.8e-3  # assumed height of the middle of a fragment on the table, before it has been measured
@@ -83,7 +75,7 @@ class TableView:
 
     def plane(self, pixel: NDArray[np.float64], height_m: float) -> float:
         """Return the disparity at a pixel of a plane at this height above the table."""
-        a, b, c = plane_disparity(self.image.rig, self.T_table_camera, height_m)
+        a, b, c = regions.plane_disparity(self.image.rig, self.T_table_camera, height_m)
         return float(a * pixel[0] + b * pixel[1] + c)
 
     def pixel_m(self, pixel: NDArray[np.float64]) -> float:
@@ -99,7 +91,7 @@ def find_fragments(image: StereoImage, T_world_camera: SE3, T_world_table: SE3) 
     view = TableView(image, T_table_camera, T_world_table)
     masks = [RED_FOAM.mask(to_hsv(picture)) for picture in (image.left, image.right)]
     found = []
-    for left, right in group_regions(masks, image.rig, T_table_camera, MIDDLE_M):
+    for left, right in regions.group_regions(masks, image.rig, T_table_camera, MIDDLE_M):
         found += [_fragment(view, one, other) for one, other in _singles(view, left, right)]
     return [fragment for fragment in found if fragment is not None]
 
@@ -117,10 +109,10 @@ def _singles(view: TableView, left: Region, right: Region) -> list[tuple[Region,
     outline = cv2.convexHull(np.column_stack([u, v]).astype(np.int32))
     hull_m2 = cv2.contourArea(outline) * pixel_m**2
     long_m = max(cv2.minAreaRect(outline)[1]) * pixel_m
-    if hull_m2 < SINGLE_M2 or (solidity(both) > SOLID and hull_m2 < LARGEST_M2 and long_m < LONGEST_M):
+    if hull_m2 < SINGLE_M2 or (regions.solidity(both) > SOLID and hull_m2 < LARGEST_M2 and long_m < LONGEST_M):
         return [(left, right)]
     found = []
-    for part in split_convex(both, NOTCH_M / pixel_m, MIN_AREA_M2 / pixel_m**2):
+    for part in regions.split_convex(both, NOTCH_M / pixel_m, MIN_AREA_M2 / pixel_m**2):
         one = left.mask & part
         other = right.mask & shifted_onto(right, Region(part, left.corner_px), -disparity)
         if one.any() and other.any():
@@ -142,7 +134,7 @@ def _depth(view: TableView, left: Region, right: Region) -> tuple[float, float] 
     def agrees(disparity: float) -> bool:
         return bool(np.count_nonzero(left.mask & shifted_onto(left, right, disparity)) >= least)
 
-    for top_m in (1.3 * LYING_M, HIGHEST_M):
+    for top_m in (1.3 * LYING_M, regions.HIGHEST_M):
         matched = _matched(view, left, (lowest, max(view.plane(corner, top_m) for corner in corners)))
         if matched is not None and agrees(disparity := float(np.median(matched[1]))):
             return disparity, float(view.point(*matched)[:, 2].mean())

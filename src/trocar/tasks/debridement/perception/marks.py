@@ -32,17 +32,11 @@ SPACING_OFF_M = 2.5e-3  # maximum error of the distance between a finger's two m
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """A spot of one colour in one picture, or one half of it.
+    """A spot of one colour in one picture, or one half of it: two marks may look like one spot."""
 
-    Attributes:
-        middle_px: (2,) u, v of its centroid.
-        area_px: number of its pixels.
-        merged_px: (n, 2) the whole spot if this is a half of it: two marks may look like one.
-    """
-
-    middle_px: NDArray[np.float64]
-    area_px: float
-    merged_px: NDArray[np.float64] | None = None
+    middle_px: NDArray[np.float64]  # (2,) u, v of its centroid
+    area_px: float  # number of its pixels
+    merged_px: NDArray[np.float64] | None = None  # (n, 2) pixels of the whole spot if this is one half of it
 
 
 @dataclass(frozen=True, eq=False)

@@ -94,19 +94,11 @@ HEAD = ("", "person", "paper", "ours", "within")
 
 def lines_of(variant: str, ours: Mapping[str, Any]) -> list[list[str]]:
     """Return the lines of Table I: name, the person's figure, the robot's, ours, and whether our rate agrees."""
-    paper = TABLE_1[variant]
+    paper, seconds = TABLE_1[variant], ours["s_per_fragment"]
     return [
         ["fragments", str(PERSON.fragments), str(paper.fragments), f"{ours['cleared']} of {ours['fragments']}", ""],
-        [
-            "s per fragment",
-            *(f"{column.s_per_fragment:.1f}" for column in (PERSON, paper)),
-            estimated(ours["s_per_fragment"], 1),
-            "",
-        ],
-        *(
-            [f"{part}, %", "-", f"{paper.shares[part]:.1f}" if part in paper.shares else "-", _share(ours, part), ""]
-            for part in PARTS
-        ),
+        ["s per fragment", *map(_tenths, (PERSON.s_per_fragment, paper.s_per_fragment)), estimated(seconds, 1), ""],
+        *([f"{part}, %", "-", _tenths(paper.shares.get(part)), _share(ours, part), ""] for part in PARTS),
         ["replans per fragment", "-", figure(paper.replans), estimated(ours["replans_per_fragment"], 1), ""],
         *(_failure_line(variant, mode, ours) for mode in MODES),
         ["at the first attempt, %", "", "", rated(ours["first_attempt"]), ""],
@@ -172,8 +164,11 @@ def _failure_line(variant: str, mode: str, ours: Mapping[str, Any]) -> list[str]
     ]
 
 
+def _tenths(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
 def _share(ours: Mapping[str, Any], part: str) -> str:
     share, seconds = ours["table_parts_share"][part], ours["table_parts_s"][part]
-    if share is None:
-        return "-"
-    return f"{100 * share:.1f}" if seconds is None else f"{100 * share:.1f} ({seconds:.1f} s)"
+    text = _tenths(None if share is None else 100 * share)
+    return text if seconds is None else f"{text} ({seconds:.1f} s)"
