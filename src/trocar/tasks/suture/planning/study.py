@@ -83,7 +83,7 @@ class LambdaSweep:
     Attributes:
         weights: (k,) values of lambda.
         thetas_rad: (m,) theta_1 of the plans.
-        rewards: (k, m) their rewards.
+        rewards: (k, m) of the plans.
     """
 
     weights: NDArray[np.float64]

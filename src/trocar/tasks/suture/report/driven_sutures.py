@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from rich.table import Table
 
@@ -131,21 +130,17 @@ def draw_joints(trial: Trial, path: Path, title: str) -> Path:
             of_joint = rms_max(scale * while_driven[:, index])
             said = f"shaded: RMS {figures(of_joint['rms'])}, largest {figures(of_joint['max'])} {unit}"
             right.set_title(said, loc="right", fontsize=8, fontweight="normal")
-            for axes in (left, right):
-                _shade_primitive(axes, spans)
+            for step, start, end in spans:
+                if step.startswith((*DRIVING, "regrasp")):
+                    alpha = 0.45 if step.startswith("regrasp") else 0.9
+                    left.axvspan(start, end, color=style.FAINT, alpha=alpha, zorder=0)
+                    right.axvspan(start, end, color=style.FAINT, alpha=alpha, zorder=0)
         grid[0, 0].set(title=title, xlim=(first, last))
         grid[0, 0].legend(loc="upper right", ncols=2)
         for column, label in enumerate(("time, s; shaded: the primitive", "time, s")):
             grid[-1, column].set_xlabel(label)
             figure.align_ylabels(grid[:, column])
     return path
-
-
-def _shade_primitive(axes: Axes, spans: list[tuple[str, float, float]]) -> None:
-    for step, start, end in spans:
-        if step.startswith((*DRIVING, "regrasp")):
-            alpha = 0.45 if step.startswith("regrasp") else 0.9
-            axes.axvspan(start, end, color=style.FAINT, alpha=alpha, zorder=0)
 
 
 def draw_needle(trial: Trial, path: Path, title: str) -> Path:
