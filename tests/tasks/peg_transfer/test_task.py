@@ -1,7 +1,7 @@
 """The task: where blocks are at the start, and what is to be done with them."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.lab.flaws import LEVELS, Difficulty
+from trocar.tasks.peg_transfer.agents import Settings
 from trocar.tasks.peg_transfer.goals import PAIRS
 from trocar.tasks.peg_transfer.report import PAPER
 from trocar.tasks.peg_transfer.scene import BOARD_SHIFT_M, BOARD_TURN_RAD
@@ -109,6 +110,31 @@ def test_a_station_without_a_board_is_refused_in_a_sentence():
 
 def test_the_options_are_what_tells_one_run_from_another():
     assert json.loads(json.dumps(TASK.options())) == {"variant": "unilateral", "transfers": 12, "budget_s": 180.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "how", "changed"),
+    [
+        ("calibrated", (True, False, "spline"), {"fixed_wrist": True}),
+        ("uncalibrated", (False, False, "spline"), {}),
+        (
+            "adaptive",
+            (False, True, "spline"),
+            {"teaching_looks": 36, "fixed_wrist": True, "looks_before_placing": True},
+        ),
+        ("optimized", (True, False, "sqp"), {"planning_budget_s": 0.4, "fixed_wrist": True}),
+        (
+            "best",
+            (True, False, "optimal"),
+            {"perception_budget_s": 0.085, "planning_budget_s": 0.06, "fixed_wrist": True},
+        ),
+    ],
+)
+def test_the_methods_differ_by_calibration_planner_and_a_few_settings(name, how, changed):
+    method = PegTransfer.methods[name]
+    assert (method.calibrated, method.learns, method.planner) == how and method.perception == "depth"
+    own, usual = asdict(method.make_settings()), asdict(Settings())
+    assert {key: value for key, value in own.items() if key != "limits" and value != usual[key]} == changed
 
 
 def test_two_arms_work_far_apart_and_the_left_one_further_left():

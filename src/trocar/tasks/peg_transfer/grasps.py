@@ -226,16 +226,8 @@ def choose_place(
     The tool is vertical, and any yaw of the block is allowed. If there is enough clearance to other blocks and pegs,
     the tool keeps its current yaw: the residual cable errors are then similar at both ends of the transfer and cancel.
 
-    Args:
-        arm: the arm that holds the block.
-        T_base_board: pose of the board in the arm's base.
-        T_tip_block: pose of the block in the jaws.
-        board: its pegs are obstacles.
-        block: shape of the blocks.
-        peg: the target peg.
-        others: poses of the blocks on the board.
-        drop_m: height of the block's lower face above the plate.
-        yaw_rad: current yaw of the tool about the board's z.
+    Args as in ``choose_grasp``, and the pose of the block in the jaws, the number of the target ``peg``, the height of
+    the block's lower face above the plate (``drop_m``), and the current yaw of the tool about the board's z.
     """
     foot = board.pegs_m[peg]
     near = np.linalg.norm(board.pegs_m[:, :2] - foot[:2], axis=1)

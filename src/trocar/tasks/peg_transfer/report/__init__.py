@@ -211,10 +211,8 @@ class PegReport(TaskReport):
 
     def notes(self, trials: Sequence[Trial]) -> list[str]:
         """Return how close the time is to motion alone, and which colours are changed."""
-        return [
-            floor_sentence(motion_floor_s(trials)),
-            "blocks are amber in the pictures only; the camera sees them red",
-        ]
+        amber = "blocks are amber in the pictures only; the camera sees them red"
+        return [floor_sentence(motion_floor_s(trials)), amber]
 
 
 def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
