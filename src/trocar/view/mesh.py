@@ -171,21 +171,13 @@ def finger(arm: ArmModel) -> Mesh:
     return hull(T_jaw_joint.apply(arm.instrument.finger_m(1)))
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """All solids of one colour ([0, 1], sRGB) on one body, drawn together: a mesh in the body's frame."""
-
-    mesh: Mesh
-    rgba: Rgba
-
-
-def body_parts(solids: Iterable[Solid]) -> dict[str, list[Part]]:
-    """Return the meshes of each body that has solids, with colours in order of first occurrence."""
+def body_parts(solids: Iterable[Solid]) -> dict[str, dict[Rgba, Mesh]]:
+    """Return for each body that has solids one mesh, in the body's frame, of all solids of a colour ([0, 1], sRGB)."""
     meshes: dict[str, dict[Rgba, list[Mesh]]] = {}
     for solid in solids:
         on_body = solid_mesh(solid).moved(solid.T_body_solid)
         meshes.setdefault(solid.body, {}).setdefault(solid.rgba, []).append(on_body)
-    return {body: [Part(creased(joined(some)), rgba) for rgba, some in by.items()] for body, by in meshes.items()}
+    return {body: {rgba: creased(joined(some)) for rgba, some in by.items()} for body, by in meshes.items()}
 
 
 def solid_mesh(solid: Solid) -> Mesh:

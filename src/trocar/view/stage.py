@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3
 from trocar.replay import Replay
 from trocar.view.film import Film
-from trocar.view.mesh import Part, body_parts
+from trocar.view.mesh import Mesh, Rgba, body_parts
 from trocar.view.viewpoint import FIELD_RAD, Viewpoint, viewpoint
 
 if TYPE_CHECKING:
@@ -243,16 +243,14 @@ class Bodies:
         for node, position, wxyz in zip(self._nodes, self._position_m[:, frame], self._wxyz[:, frame], strict=True):
             node.position, node.wxyz = position, wxyz
 
-    def _draw(self, body: str, parts: list[Part], T_world_body: SE3) -> Any:
+    def _draw(self, body: str, parts: dict[Rgba, Mesh], T_world_body: SE3) -> Any:
         """Add a body to the scene and return its node."""
         name = "/bodies/" + body.replace("/", "|")  # a slash would attach one body to another
         position, wxyz = T_world_body.translation_m, T_world_body.rotation.as_quaternion()
         node = self._scene.add_frame(name, show_axes=False, position=position, wxyz=wxyz)
-        for number, part in enumerate(parts):
-            *rgb, alpha = part.rgba
+        for number, ((*rgb, alpha), mesh) in enumerate(parts.items()):
             colour, opacity = np.rint(255 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8), alpha if alpha < 1 else None
-            mesh = part.mesh.vertices_m, part.mesh.faces
-            self._scene.add_mesh_simple(f"{name}/{number}", *mesh, color=colour, opacity=opacity)
+            self._scene.add_mesh_simple(f"{name}/{number}", mesh.vertices_m, mesh.faces, color=colour, opacity=opacity)
         return node
 
 
