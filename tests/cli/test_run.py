@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -16,9 +17,11 @@ from processes import UNPICTURED, python
 from synthetic import synthetic_trial, unmarked
 from trocar.cli import app
 from trocar.eval import jobs
+from trocar.eval.config import RunConfig
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import trial_file, trial_files
 from trocar.report.summary import summarise
+from trocar.sim.world import PhysicsError
 from trocar.tasks.peg_transfer.report import PegReport
 
 COMMAND = "from trocar.cli import main; main()"
@@ -177,6 +180,19 @@ def test_ctrl_c_keeps_finished_trials_and_says_so(trocar, played, monkeypatch, t
     assert json.loads(out)["trials"] == 3
 
 
+def test_a_trial_whose_physics_broke_down_is_told_and_the_next_one_is_played(trocar, played, monkeypatch, tmp_path):
+    def run_trial(config, prepared, index, listener=None, *, raise_errors=False):
+        if index == 0:
+            raise PhysicsError(0.2)
+        return synthetic_trial(config, index, session=prepared.number)
+
+    monkeypatch.setattr(jobs, "run_trial", run_trial)
+    code, out, err = trocar("run", "peg-transfer", "--trials", 2, "--out", tmp_path)
+    told = " ".join(err.split())
+    assert code == 0 and "trial_000.npz is void: the physics became unstable at 0.200 s" in told
+    assert summary_of(tmp_path)["trials"] == 1 and "1 of the run's 2 trials exist" in " ".join(out.split())
+
+
 def test_ctrl_c_before_the_first_trial_leaves_no_summary(trocar, played, monkeypatch, tmp_path):
     interrupt_at(monkeypatch, 0)
     code, out, err = trocar("run", "peg-transfer", "--out", tmp_path, "--json")
@@ -285,8 +301,11 @@ def test_an_option_of_one_task_is_none_of_anothers():
         assert option in shown["peg-transfer"] and option not in shown["suture"]
     for option in ("--sutures", "--preset", "--plan ", "--direction"):
         assert option in shown["suture"] and option not in shown["peg-transfer"]
-    for option in ("--sessions", "--trials", "--seed", "--method", "--plugin", "--station"):
-        assert option in shown["suture"] and option in shown["peg-transfer"]
+    of_run = {field.name: field.metadata for field in fields(RunConfig) if field.metadata}
+    assert len(of_run) == 16, "all but the task and the plugins"
+    for name, about in of_run.items():
+        for text in (" ".join(text.split()) for text in shown.values()):
+            assert f"--{(about['flag'] or name).replace('_', '-')} " in text and about["help"] in text
 
 
 # What is loaded to look at a trial.
