@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 from trocar.cli import app
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.perception.capture import load_capture
 from trocar.tasks.peg_transfer.register_block import fit_cloud
 from trocar.tasks.peg_transfer.shapes import Block
 
@@ -86,21 +85,6 @@ def test_a_plain_disc_is_no_block():
 def test_refuses_bad_points(points, message):
     with pytest.raises(TrocarError, match=message):
         fit_cloud(points, Block())
-
-
-def test_the_unit_must_be_known(tmp_path):
-    np.save(tmp_path / "cloud.npy", np.ones((100, 3)))
-    with pytest.raises(TrocarError, match="--unit mm or --unit m"):
-        load_capture(tmp_path / "cloud.npy")
-    assert np.allclose(load_capture(tmp_path / "cloud.npy", "mm"), 1e-3)
-    np.savez(tmp_path / "cloud.npz", points_mm=np.ones((100, 3)))
-    with pytest.raises(TrocarError, match="leave --unit out"):
-        load_capture(tmp_path / "cloud.npz", "m")
-    with pytest.raises(TrocarError, match="does not exist"):
-        load_capture(tmp_path / "none.npz")
-    (tmp_path / "empty.npz").write_bytes(b"")
-    with pytest.raises(TrocarError, match="cannot be read"):
-        load_capture(tmp_path / "empty.npz")
 
 
 def test_command_prints_one_json_object(recordings):
