@@ -31,7 +31,7 @@ def rows_of(trial: Trial) -> list[tuple[np.ndarray, ...]]:
         arm, errors, tips = event["arm"], [], []
         for at_s in (event["time_s"] - 2 * scenery.tick_s, event["time_s"] + LATER_S):
             at = round(at_s / scenery.tick_s)
-            true, asked = (trial.arrays[f"{kind}_{arm}"][at, :6].astype(float) for kind in ("true", "asked"))
+            true, asked = (trial.arrays[f"{kind}_{arm}"][at, :6].astype(float) for kind in ("true", "desired"))
             errors.append((true - asked)[3:])
             here = scenery.T_world_base[arm] @ fk(scenery.arms[arm], true)
             believed = scenery.T_world_base_registered[arm] @ fk(station.arm(arm).model, asked)
@@ -43,8 +43,11 @@ def rows_of(trial: Trial) -> list[tuple[np.ndarray, ...]]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="of a run with --method adaptive")
-    files = sorted(parser.parse_args().folder.rglob("trial_*.npz"))
+    parser.add_argument("folder", type=Path, nargs="?", help="of a run with --method adaptive; none: no output")
+    folder = parser.parse_args().folder
+    if folder is None:
+        return
+    files = sorted(folder.rglob("trial_*.npz"))
     trials = [Trial.load(file) for file in files]
     rows = [row for trial in trials for row in rows_of(trial)]
     if not rows:

@@ -34,7 +34,8 @@ def through_images(station, sessions, seed):
     for number in range(sessions):
         found = register_cell(station, np.random.SeedSequence([seed, number]))
         rows.append(flat(found.errors()))
-        at_board += [found.T_base_board_off(arm).log() for arm in station.arms]
+        T_board_left = station.registration.T_world_board.inverse() @ station.cameras[found.camera].T_world_camera
+        at_board += [(T_board_left @ found.poses[arm].T_left_board).log() for arm in station.arms]
         pixels.append([found.calibration.rms_px, *(pose.rms_px for pose in found.poses.values())])
     scale = np.repeat([1e3, np.degrees(1.0)], 3)
     return rows, np.array(at_board) * scale, np.array(pixels), (time.perf_counter() - began) / sessions

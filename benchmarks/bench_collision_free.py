@@ -17,7 +17,8 @@ from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
 from trocar.motion import ArmMotion, Facing, HalfSpace, MotionProblem, plan_motion
-from trocar.motion.convex.planner import Scene, Search
+from trocar.motion.convex.scene import Scene
+from trocar.motion.convex.search import Search
 
 STATION = load_station("raven-pair")
 ARMS = tuple(STATION.arms)

@@ -21,7 +21,7 @@ from trocar.calibration.recording import Recording
 from trocar.lab import TRANSMISSIONS, Transmission
 from trocar.lab.flaws import LEVELS, RECORDED, Difficulty
 from trocar.lab.transmission import DriveTrain
-from trocar.sim.recording import SAMPLE_S
+from trocar.sim.calibration_cells import SAMPLE_S
 
 PLANTS = {"psm1_grey": PSM1_BOX, "psm2_grey": PSM2_BOX, "psm1_new": PSM1_BOX}
 ROWS = (35, 50, 75, 100)

@@ -25,7 +25,7 @@ from trocar.collect.collection import Collection
 from trocar.lab import load_station
 from trocar.lab.flaws import Difficulty
 from trocar.lab.session import draw_session
-from trocar.sim.recording import record_motion
+from trocar.sim.calibration_cells import record_motion
 
 PARTS = (200, 400, 650, 900, 1357)
 """Rows that a model is fitted on."""

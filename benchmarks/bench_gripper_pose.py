@@ -15,29 +15,25 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from scipy.stats import chi2
-
-from trocar.tasks.debridement.pose import (
-    ErrorFilter,
-    FilterSettings,
-    HeldError,
-    PaperAdjustment,
-    RawKinematics,
-    read_pairs,
-)
-from trocar.tasks.debridement.pose.evaluate import (
+from error_filter import ErrorFilter, FilterSettings
+from gripper_pose import (
     HORIZONS_S,
+    HeldError,
+    PapersRule,
+    RawKinematics,
     Summary,
     detection_noise,
     prediction_errors,
     ratio_of_means,
+    read_pairs,
     replay,
 )
+from scipy.stats import chi2
 
 DATA = Path(os.environ.get("TROCAR_DATA", Path(__file__).parents[2] / "shared" / "data"))
 ESTIMATORS = {
     "raw kinematics": RawKinematics,
-    "paper's rule": PaperAdjustment,
+    "paper's rule": PapersRule,
     "held error": HeldError,
     "error filter": ErrorFilter,
 }

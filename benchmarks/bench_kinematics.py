@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
-from trocar.arms import ARMS, ArmModel, fk, ik, ik_floats
+from trocar.arms import ARMS, ArmModel, fk, ik
 from trocar.geometry import SE3
 
 NUMERIC_POSES = 20
@@ -54,21 +54,16 @@ def measure(arm: ArmModel) -> bool:
     error = np.abs(fk(arm, ik(arm, T, q)).matrix - T.matrix).max()
     many = T[:BATCH_POSES]
     poses, near = [T[i] for i in range(SCALAR_POSES)], list(q[:SCALAR_POSES])
-    lists, near_lists = [pose.matrix.tolist() for pose in poses], q[:SCALAR_POSES].tolist()
     scale = START_RAD * np.array([1, 1, 0.1, 1, 1, 1])
     starts = q[:NUMERIC_POSES] + scale * rng.uniform(-1, 1, (NUMERIC_POSES, 6))
     starts = np.clip(starts, arm.lower + 1e-6, arm.upper - 1e-6)
 
     scalar = best_us(lambda: [ik(arm, a, b) for a, b in zip(poses, near, strict=True)], SCALAR_POSES, REPEATS)
-    floats = best_us(
-        lambda: [ik_floats(arm, a, b) for a, b in zip(lists, near_lists, strict=True)], SCALAR_POSES, REPEATS
-    )
     batch = best_us(lambda: ik(arm, many), BATCH_POSES, REPEATS)
     numeric = best_us(lambda: [numeric_ik(arm, a, b) for a, b in zip(poses, starts, strict=False)], NUMERIC_POSES, 3)
     ratio = numeric[0] / scalar[0]
     print(f"{arm.name}: largest error of FK(IK(T)) over {CHECKED_POSES} poses {error:.1e}")
     print(f"  one call   {scalar[0]:9.2f} ({scalar[1]:.2f})   target {TARGET_SCALAR_US}")
-    print(f"  on floats  {floats[0]:9.2f} ({floats[1]:.2f})")
     print(f"  batched    {batch[0]:9.3f} ({batch[1]:.3f})  target {TARGET_BATCH_US}")
     print(f"  SciPy      {numeric[0]:9.0f} ({numeric[1]:.0f})   {ratio:.0f} times one call; target {TARGET_RATIO:.0f}")
     return bool(scalar[0] <= TARGET_SCALAR_US and batch[0] <= TARGET_BATCH_US and ratio >= TARGET_RATIO)

@@ -25,22 +25,23 @@ def main(scenes: int) -> None:
         model, data = world_of(scene)
         camera = overhead(model)
         image = _timed(times["render"], camera.render, data, rng)
-        fit = _timed(times["board"], find_board, image, camera.T_world_camera, scene.board)
-        board_errors.append(
-            (scene.T_world_board.inverse() @ fit.T_world_board).log() if fit.found else np.full(6, np.nan)
-        )
-        T_camera_board = camera.T_world_camera.inverse() @ fit.T_world_board
+        board = _timed(times["board"], find_board, image, camera.T_world_camera, scene.board)
+        if isinstance(board, str):
+            board_errors.append(np.full(6, np.nan))
+            continue
+        board_errors.append((scene.T_world_board.inverse() @ board).log())
+        T_camera_board = camera.T_world_camera.inverse() @ board
         for peg in range(len(scene.board.pegs_m)):
             found = _timed(times["block"], find_block, image, T_camera_board, scene.board, scene.block, peg)
             if peg not in pegs:
                 empty += 1
-                phantoms += found.found
-            elif not found.found:
+                phantoms += not isinstance(found, str)
+            elif isinstance(found, str):
                 missed += 1
-                print(f"missed: seed {seed}, peg {peg}: {found.reason}")
+                print(f"missed: seed {seed}, peg {peg}: {found}")
             else:
                 true = scene.T_world_blocks[list(pegs).index(peg)]
-                errors.append(_error(fit.T_world_board @ found.T_board_block, true))
+                errors.append(_error(board @ found, true))
     position_mm, yaw_deg = np.abs(np.array(errors)).T
     shift = np.array(board_errors)
     total = len(errors) + missed

@@ -22,7 +22,7 @@ from trocar.lab import load_station
 from trocar.lab.flaws import LEVELS, Difficulty
 from trocar.lab.session import draw_session
 from trocar.perception.instrument import sight
-from trocar.robots.observations import Look, joints_seen, put_together
+from trocar.robots.adaptive import Observation, combine, joints_seen
 from trocar.sim.calibration_cells import EmptyTable
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
@@ -71,8 +71,8 @@ def looks_of(number: int, count: int, level: str, shape_m: float) -> tuple[np.nd
         seen = sight(image, T_base_camera, known, expected, JAW_RAD)
         took.append(time.perf_counter() - begin)
         if seen is not None:
-            looks.append(Look(row, seen))
-    shift_m = put_together(known, "looks", joints, looks).shift_m
+            looks.append(Observation(row, seen))
+    shift_m = combine(known, "looks", joints, looks).shift_m
     errors, scores = [], []
     for look in looks:
         q, covariance = joints_seen(known, look.sighting, shift_m)

@@ -27,7 +27,7 @@ from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
 from trocar.robots import Compensated, Guarded
 from trocar.sim.ray_camera import RayCamera
-from trocar.sim.recorder import ContactMonitor, Recorder
+from trocar.sim.record import ContactMonitor, Recorder
 from trocar.sim.robot import SimRobot
 from trocar.sim.world import World
 from trocar.tasks.peg_transfer.task import PegTransfer

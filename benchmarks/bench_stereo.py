@@ -18,7 +18,7 @@ import numpy as np
 from stereo_scenes import CAMERA, RIG, STATION, T_WORLD_TABLE, Shown, scenes
 
 from trocar.perception.image import StereoImage, StereoWindow, Window
-from trocar.tasks.debridement.perception.seen import SeenGripper
+from trocar.tasks.debridement.perception.gripper import SeenGripper
 from trocar.tasks.debridement.perception.stereo_view import StereoView
 
 NEAR_M = 6e-3
@@ -51,7 +51,7 @@ class Fragments:
         self.errors_m: list[float] = []
         self.along_m: list[np.ndarray] = []
         self.seconds: list[float] = []
-        self.visible = self.missed = self.false = self.lumped = 0
+        self.visible = self.missed = self.false = 0
 
     def add(self, shown: Shown) -> None:
         """Look at one scene."""
@@ -76,7 +76,6 @@ class Fragments:
                 off = found[taken[name]].p_world_m - shown.p_world_m[name]
                 self.errors_m.append(float(np.linalg.norm(off)))
                 self.along_m.append(off)
-                self.lumped += found[taken[name]].lumped
 
     def rows(self) -> list[tuple[str, str, str]]:
         """Return the rows of the table: what, measured, target."""
@@ -88,7 +87,6 @@ class Fragments:
             ("its standard deviation on x y z, mm", " ".join(f"{v:.2f}" for v in sd), ""),
             (f"missed of {self.visible} visible", _share(self.missed, self.visible), "1 %"),
             ("false detections", str(self.false), "0"),
-            ("found as part of a lump", str(self.lumped), ""),
             ("time for a pair of whole pictures p50, ms", f"{1e3 * np.median(self.seconds):.0f}", "60"),
         ]
 

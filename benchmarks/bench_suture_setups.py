@@ -11,23 +11,20 @@ import numpy as np
 
 from trocar.geometry import TURN
 from trocar.tasks.suture.planning import MARGINS, Reward, SutureJoints, SutureSetup, suture_joints
-from trocar.tasks.suture.planning.parameters import PARAMETERS, SEARCHED, with_parameters
 from trocar.tasks.suture.planning.rewards import scored
+from trocar.tasks.suture.planning.setup import SEARCHED, with_parameters
 
 SETUPS, POSITIONS, COARSE = 300, 180, 12
 DRAWN = tuple(name for name in SEARCHED if not name.startswith(("center", "base_sideways")))
 CLEARANCE_M = (0.010, 0.050)
 """How far outside the circle the base stands, seen from above; the paper's arm is mounted beside the phantom."""
-REWARDS = {
-    "default": Reward(),
-    **{name: Reward(margin=name, at="stations", feasible_first=False) for name in MARGINS},
-}
+REWARDS = {"default": Reward(), **{name: Reward(margin=name, at="stations", feasible_first=False) for name in MARGINS}}
 """The default; each margin formula at the stations and without regard to limits, as in the paper."""
 
 
 def random_setup(rng: np.random.Generator) -> SutureSetup:
     """Return a setup whose parameters are drawn uniformly from their usual bounds."""
-    values = {name: float(rng.uniform(*(PARAMETERS[name].bounds or ()))) for name in DRAWN}
+    values = {name: float(rng.uniform(*SEARCHED[name])) for name in DRAWN}
     values["base_sideways_m"] = values["circle_radius_m"] + float(rng.uniform(*CLEARANCE_M))
     return with_parameters(SutureSetup(), values)
 

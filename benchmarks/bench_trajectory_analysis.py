@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from known_signals import STEP_S, Known, bang_bang, measured, rms, sines
-from trocar.motion.analysis import estimate, savitzky_golay
+from known_signals import STEP_S, Known, bang_bang, measured, rms, savitzky_golay, sines
+from trocar.motion.analysis import estimate
 
 NOISES_RAD = (1e-5, 3e-4, 2e-3)
 SEEDS = range(5)
@@ -38,8 +38,8 @@ def line(name: str, known: Known, noise: float, outliers: float) -> str:
     for seed in SEEDS:
         y = measured(known, noise, outliers, seed)
         errors["qp"].append(error(known, estimate(y, STEP_S)))
-        errors["21"].append(error(known, savitzky_golay(y, STEP_S)))
-        tried = [error(known, savitzky_golay(y, STEP_S, window)) for window in range(5, 60, 2)]
+        errors["21"].append(error(known, savitzky_golay(y)))
+        tried = [error(known, savitzky_golay(y, window)) for window in range(5, 60, 2)]
         errors["best"].append((min(v for v, _ in tried), min(a for _, a in tried)))
     found = "   ".join("{:7.4f} {:7.3f}".format(*np.mean(values, axis=0)) for values in errors.values())
     return f"{name:10} {noise:6.0e} {100 * outliers:3.0f}%   {found}"

@@ -22,9 +22,9 @@ from trocar.sim.laboratory import REST_S
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
 from trocar.sim.world import World
+from trocar.tasks.debridement.goals import Workspace
 from trocar.tasks.debridement.scene import GAP_M, lay_out
-from trocar.tasks.debridement.workspace import Workspace
-from trocar.tasks.debridement.world.debridement_world import DebridementWorld
+from trocar.tasks.debridement.world import DebridementWorld
 
 STATION = load_station("raven-pair")
 CAMERA = STATION.cameras["stereo"]

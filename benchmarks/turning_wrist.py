@@ -9,7 +9,7 @@ Collisions are rare: what docs/peg_transfer.md says of both is from ``--sessions
 from dataclasses import replace
 
 from trocar.eval import METHODS
-from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.agents import Settings
 from trocar.tasks.peg_transfer.task import PegTransfer
 
 METHODS.register("peg-transfer/turning-wrist", replace(PegTransfer.methods["calibrated"], settings=Settings))

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from trocar.eval import METHODS, Method
-from trocar.tasks.peg_transfer.agents.unilateral import Settings, Unilateral
+from trocar.tasks.peg_transfer.agents import Settings
+from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
 from trocar.tasks.peg_transfer.goals import Transfer
 
 

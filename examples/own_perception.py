@@ -13,7 +13,6 @@ from trocar.eval import PERCEPTIONS
 from trocar.geometry import SE3
 from trocar.perception.image import RgbdImage
 from trocar.tasks.peg_transfer.perception import DepthView
-from trocar.tasks.peg_transfer.perception.blocks import BlockFit
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 AGREE_M = 0.5e-3
@@ -23,20 +22,16 @@ AGREE_M = 0.5e-3
 class Twice(DepthView):
     """Fits each block to all of the image and to half of its depth; where the two differ, there is no block."""
 
-    def find_block(self, image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Block, peg: int) -> BlockFit:
-        """Return the block's pose if both fits agree."""
-        whole = super().find_block(image, T_camera_board, board, block, peg)
-        if whole.T_board_block is None:
-            return whole
+    def find_block(self, image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Block, peg: int) -> SE3 | str:
+        """Return the block's pose if both fits agree, or why not."""
         depth = image.depth_m.copy()
         depth[:, ::2] = np.nan
-        half = super().find_block(replace(image, depth_m=depth), T_camera_board, board, block, peg)
-        if half.T_board_block is None:
-            return half
-        apart = np.linalg.norm(whole.T_board_block.translation_m - half.T_board_block.translation_m)
-        if apart > AGREE_M:
-            return replace(whole, found=False, reason=f"two fits lie {1e3 * apart:.1f} mm apart", T_board_block=None)
-        return whole
+        images = image, replace(image, depth_m=depth)
+        whole, half = (super(Twice, self).find_block(one, T_camera_board, board, block, peg) for one in images)
+        if isinstance(whole, str) or isinstance(half, str):
+            return whole if isinstance(whole, str) else half
+        apart = np.linalg.norm(whole.translation_m - half.translation_m)
+        return f"two fits lie {1e3 * apart:.1f} mm apart" if apart > AGREE_M else whole
 
 
 PERCEPTIONS.register("peg-transfer/twice", Twice)

@@ -40,9 +40,6 @@ class CableArms(PlainArms):
                 joints, self.state[name] = PLANT.step(self.state[name], q)
                 self.joints[name].append(joints)
 
-    def now_s(self):
-        return super().now_s()
-
     async def sleep(self, seconds):
         await trio.sleep(seconds)
 

@@ -42,7 +42,7 @@ LONGEST = (
     *("eval/test_run_trial", "test_examples", "tasks/test_truth_barrier", "eval/test_folder", "test_tutorial"),
     *("tasks/suture/test_trial", "sim/test_laboratory", "collect/test_collection", "report/test_summary"),
     *("tasks/debridement/agents/test_faults", "tasks/suture/agents/test_circle", "eval/test_workers"),
-    *("tasks/peg_transfer/agents/test_handover", "view/test_replay_page", "cli/test_collect"),
+    *("tasks/peg_transfer/agents/test_handover", "view/test_replay", "cli/test_collect"),
     *("tasks/test_every_task", "cli/test_bad_input", "calibration/test_lstm_training", "motion/test_sqp"),
 )
 """Files that take longest: first, for at the end one of them would keep one core busy, and the others idle."""

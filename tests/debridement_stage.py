@@ -15,7 +15,7 @@ from trocar.eval.prepare import prepare
 from trocar.geometry import SE3, SO3
 from trocar.perception.image import StereoImage
 from trocar.sim.laboratory import SimLaboratory
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 from trocar.tasks.debridement.task import Debridement
 
 EXPOSURE_S = 0.033
@@ -48,10 +48,7 @@ class Eyes:
 
     def fragments(self, image, T_world_camera, T_world_table, arms=None):
         places = [self.place(k) + self.rng.normal(0.0, 5e-4, 3) for k in self.numbers()]
-        return [
-            SeenFragment(np.array(p), np.array([0.012, 0.009]), 0.3, 0.004, np.array(p), False, 500, False)
-            for p in (*places, *self.more)
-        ]
+        return [SeenFragment(np.array(p), np.array([0.012, 0.009]), 0.3, 0.004, 500) for p in (*places, *self.more)]
 
     def gripper(self, image, T_world_camera, model):
         arm = "left" if "left" in model.name else "right"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from trocar.geometry import SE3, SO3
+from trocar.tasks.debridement.goals import Receptacle
 from trocar.tasks.debridement.truth import DebridementTruth, Sights
-from trocar.tasks.debridement.workspace import Receptacle
 
 TICK_S = 0.01
 TABLE_M = -0.162
@@ -120,7 +120,6 @@ class Story:
         return DebridementTruth(
             times_s=np.arange(len(tips)) * TICK_S,
             T_world_fragments=SE3.from_parts(SO3.identity(), places),
-            fragments_m=tuple(np.zeros((4, 3)) for _ in self.places),
             held_by={"left": held} | dict.fromkeys(other, nobody),
             touched_by={"left": touched} | dict.fromkeys(other, nobody),
             jaw_rad={"left": jaws} | dict.fromkeys(other, np.full(len(tips), 0.5)),

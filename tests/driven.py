@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import asynccontextmanager
+
 import numpy as np
 import trio
 from trio.testing import MockClock, wait_all_tasks_blocked
@@ -14,6 +16,19 @@ ARM = ARMS["psm-classic"]
 PAPER = MOTION_LIMITS["paper"]
 HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
 SERVO_S = 0.002
+
+
+@asynccontextmanager
+async def running(function, *args):
+    """Run an async function beside the block; the list that the block gets has its result once it has ended."""
+    results = []
+
+    async def run():
+        results.append(await function(*args))
+
+    async with trio.open_nursery() as nursery:
+        nursery.start_soon(run)
+        yield results
 
 
 class PlainArms:

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from trocar.calibration.fleet.loops import FEATURES, LoopFit, LoopShape
-from trocar.calibration.fleet.prior import FleetPrior
+from trocar.calibration.fleet.prior import FEATURES, FleetPrior, LoopFit, LoopShape
 from trocar.calibration.plant import play_slacks
 from trocar.calibration.recording import Recording
 from walks import walk

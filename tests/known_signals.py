@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 STEP_S = 0.01
 FINE = 20
@@ -58,3 +59,8 @@ def measured(known: Known, noise: float, outliers: float = 0.0, seed: int = 0) -
 
 def rms(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean(error**2)))
+
+
+def savitzky_golay(signal: np.ndarray, samples: int = 21) -> Known:
+    """Return what cubics through a sliding window give (Savitzky and Golay 1964), at 100 Hz."""
+    return Known(*(savgol_filter(signal, samples, 3, deriv=order, delta=STEP_S) for order in range(3)))

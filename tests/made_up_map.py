@@ -18,5 +18,4 @@ def made_up_map(values, feasible=None, feasible_first=True):
     joints = SutureJoints(PSM_CLASSIC, 2 * np.pi / n * np.arange(n), q, np.array([True]))
     reward = replace(Reward(), feasible_first=feasible_first)
     choice = np.argmax(values - 1e9 * ~feasible if feasible_first else values, axis=0)
-    scales = ((0.0, 1.0), (0.0, 1.0))
-    return DexterityMap(SutureSetup(), reward, joints, values, np.zeros(n), values, choice, scales)
+    return DexterityMap(SutureSetup(), reward, joints, values, np.zeros(n), values, choice, (1.0, 1.0))

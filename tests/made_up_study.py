@@ -9,7 +9,7 @@ from synthetic import synthetic_trial
 from trocar.eval.jobs import opened
 from trocar.eval.study import Condition, conditions_of
 from trocar.eval.trial import trial_file
-from trocar.tasks.peg_transfer.report.trial_row import KIND
+from trocar.tasks.peg_transfer.report.study import KIND
 from trocar.tasks.peg_transfer.task import PegTransfer
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from subprocess import CompletedProcess
 
 LOADED = ("trocar.cli.run", "trocar.eval.jobs", "trocar.report.files", "trocar.report.plot", "trocar.sim.offscreen")
-LOADED += tuple(f"trocar.tasks.peg_transfer.{part}" for part in ("task", "world.peg_world", "agents.unilateral"))
+LOADED += tuple(f"trocar.tasks.peg_transfer.{part}" for part in ("task", "world", "agents.unilateral"))
 LOADED += (
     "trocar.report.plot",
     "trocar.motion.splines",

@@ -20,10 +20,10 @@ from trocar.motion import rest_to_rest, straight
 from trocar.perception.image import CameraModel, Intrinsics
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
-from trocar.sim.recorder import fixed_poses, solids_of
+from trocar.sim.record import fixed_poses, solids_of
 from trocar.sim.spec import Surface
 from trocar.sim.world import World
-from trocar.tasks.peg_transfer.agents.unilateral import Settings
+from trocar.tasks.peg_transfer.agents import Settings
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard

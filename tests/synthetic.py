@@ -90,6 +90,7 @@ def synthetic_trial(
         arrays=_arrays(run, np.random.default_rng([session, index])),
         scenery=_scenery(run),
         computations=computations,
+        machine_speed=0.9,
         wall_s=10.0,
     )
 

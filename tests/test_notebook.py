@@ -21,7 +21,7 @@ from trocar.motion import ArmMotion, HalfSpace, MotionProblem, MovingArm, plan_m
 from trocar.notebook import SHOWN_ROWS, table
 from trocar.report.summary import summarise
 from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
-from trocar.tasks.suture.planning.plan_file import PlannedSutures
+from trocar.tasks.suture.planning.plan import PlannedSutures
 
 LIMITS = MOTION_LIMITS["paper"]
 MIDDLE = PSM_CLASSIC.middle

@@ -23,14 +23,14 @@ from trocar.files.archive import Archive, read_archive, read_header
 from trocar.files.output import bears, make_folder, require_picture, write_figure, write_json, write_table, write_text
 from trocar.lab import load_station
 from trocar.lab.station_file import station_text
-from trocar.motion.analysis import read_joint_table
+from trocar.motion.joint_table import read_joint_table
 from trocar.perception.capture import load_capture
 from trocar.report.stills import draw_storyboard
 from trocar.tasks.suture.demonstrations import load_demonstrations
 from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
-from trocar.tasks.suture.planning.plan_file import load_plan
+from trocar.tasks.suture.planning.plan import load_plan
+from trocar.tasks.suture.planning.summary import plan_summary
 from trocar.tasks.suture.report.circle import draw_plan
-from trocar.tasks.suture.report.plan_summary import plan_summary
 
 SOURCE = Path(__file__).parents[1] / "src" / "trocar"
 

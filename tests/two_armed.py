@@ -1,4 +1,4 @@
-"""Two arms of an ideal cell play transfers, with devices that fail where a test wants them to."""
+"""Arms of an ideal cell play transfers, with devices that fail where a test wants them to."""
 
 from __future__ import annotations
 
@@ -11,19 +11,18 @@ import trio
 from simulated import STATION, coarse, ideal_laboratory, standing
 from trocar.arms import capsules
 from trocar.cell import MotionEnd, MotionResult
-from trocar.errors import ArmStopped, NoPlan
+from trocar.errors import ArmStopped
 from trocar.eval import AgentContext
+from trocar.geometry import SE3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
-from trocar.tasks.peg_transfer.agents import agent_of
-from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.agents import Settings, agent_of
 from trocar.tasks.peg_transfer.goals import PegSet, Transfer
 from trocar.tasks.peg_transfer.perception import DepthView
-from trocar.tasks.peg_transfer.score import TransferScore, score_transfers
+from trocar.tasks.peg_transfer.truth import TransferScore, score_transfers
 
 SETTINGS = Settings()
-BLOCKS = tuple(range(6))
 
 
 class Wrapped:
@@ -61,70 +60,51 @@ def silent(arm: str, motion: int, share: float = 0.0):
     return Silent
 
 
-def stuck(arm: str):
-    """Return a robot one of whose arms cannot close its jaws."""
+def stuck(arm: str, closings: int | None = None):
+    """Return a robot one of whose arms cannot close its jaws: at so many blocks, or ever."""
 
     class Stuck(Wrapped):
-        async def jaw(self, name, angle_rad):
-            return await self.inner.jaw(name, max(angle_rad, SETTINGS.release_rad) if name == arm else angle_rad)
-
-    return Stuck
-
-
-def clumsy(arm: str):
-    """Return a robot one of whose arms opens its jaws on every way that it makes with a block in them."""
-
-    class Clumsy(Wrapped):
-        closed = False
+        tried = -1  # they are closed once on nothing, to see what their encoder says then
 
         async def jaw(self, name, angle_rad):
-            if name == arm:
-                self.closed = angle_rad < 0
+            if name == arm and angle_rad < 0:
+                self.tried += 1
+                if closings is None or 1 <= self.tried <= closings:
+                    angle_rad = SETTINGS.release_rad
             return await self.inner.jaw(name, angle_rad)
 
-        async def move(self, motions):
-            if arm in motions and self.closed:
-                await self.inner.jaw(arm, 0.6)
-                done = await self.inner.move(motions)
-                await self.inner.jaw(arm, SETTINGS.jaw_closed_rad)
-                return done
-            return await self.inner.move(motions)
-
-    return Clumsy
-
-
-def no_way(problem):
-    """Plan nothing."""
-    raise NoPlan("this planner finds nothing")
+    return Stuck
 
 
 def played(
     variant: str,
     goals: Sequence[Transfer],
     *,
-    blocks: Sequence[int] = BLOCKS,
+    blocks: Sequence[SE3] | None = None,
     robot=Wrapped,
-    planner=PLANNERS["spline"],
+    camera=Wrapped,
+    arms: Sequence[str] = (),
     budget_s: float = 60.0,
     settings: Settings = SETTINGS,
+    perception=None,
 ) -> tuple[SimLaboratory, bool, list[TransferScore]]:
-    """Let two arms do transfers in an ideal cell; return the laboratory, whether they ended in time, the scores."""
-    places = [standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in blocks]
-    lab = ideal_laboratory(*places, station=coarse(STATION))
+    """Let arms do transfers in an ideal cell; return the laboratory, whether they ended in time, the scores."""
+    blocks = blocks or [standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in range(6)]
+    lab = ideal_laboratory(*blocks, station=coarse(STATION))
     lab.wrap_robot(lambda cell: robot(cell.robot))
-    context = AgentContext(
-        cell=lab.cell,
-        goals=goals,
-        nominal=PegSet(variant=variant),
-        arms=("psm1", "psm2"),
-        planner=planner,
-        perception=DepthView(),
-        rng=np.random.default_rng(0),
-        settings=replace(settings),
-    )
-    agent = agent_of(context)
+    lab.cell = replace(lab.cell, cameras={name: camera(device) for name, device in lab.cell.cameras.items()})
+    agent = agent_of(briefed(lab, variant, goals, arms=arms, settings=settings, perception=perception))
     in_time = lab.run(lambda cell: agent.run(), budget_s)
     return lab, in_time, score_transfers(goals, lab.truth(), lab.log.events, handover=variant == "handover")
+
+
+def briefed(
+    lab, variant: str = "unilateral", goals=(), *, arms=(), settings: Settings = SETTINGS, perception=None
+) -> AgentContext:
+    """Return what an agent of a cell is told; its arms are those of the variant if none are named."""
+    arms = arms or (("psm1",) if variant == "unilateral" else ("psm1", "psm2"))
+    rng, perception = np.random.default_rng(0), perception or DepthView()
+    return AgentContext(lab.cell, goals, PegSet(variant=variant), arms, PLANNERS["spline"], perception, rng, settings)
 
 
 def named(lab: SimLaboratory, name: str) -> list:

@@ -1,4 +1,4 @@
-"""Smooth random motions of six joints about zero, and what models make of motions step by step."""
+"""Smooth random motions of six joints about zero."""
 
 import numpy as np
 
@@ -8,12 +8,3 @@ def walk(seed, n):
     rng = np.random.default_rng(seed)
     steps = rng.normal(0, [0.003, 0.005, 0.0007, 0.03, 0.02, 0.025], (n, 6))
     return np.clip(np.cumsum(np.cumsum(steps, axis=0) * 0.3, axis=0), -1, 1)
-
-
-def stepped(model, q):
-    """Return the joints (n, 6) that a cable model gives along commands (n, 6), one after the other."""
-    state, joints = model.start(q[0]), []
-    for row in q:
-        after, state = model.step(state, row)
-        joints.append(after)
-    return np.array(joints)

@@ -30,7 +30,6 @@ class Measurement:
         index: lists of objects in that, to be read as one object: path of the list to the key that names its members.
         find: of the text that it prints: name to regular expression, whose groups are kept, all matches of them.
         machine: paths of values that depend on the machine.
-        history: it tells of an earlier version on purpose: it is never measured again, and not called older.
     """
 
     name: str
@@ -42,7 +41,6 @@ class Measurement:
     index: Mapping[str, str] = field(default_factory=dict)
     find: Mapping[str, str] = field(default_factory=dict)
     machine: tuple[str, ...] = ()
-    history: bool = False
 
 
 @dataclass(frozen=True)

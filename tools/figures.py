@@ -44,7 +44,6 @@ class Figures:
         said = {
             name: why_older(self.root, each, self.records[name]) if name in self.records else "never measured"
             for name, each in self.measurements.items()
-            if not (each.history and name in self.records)
         }
         return {name: why for name, why in said.items() if why}
 
@@ -71,13 +70,9 @@ def measure_all(figures: Figures, given: argparse.Namespace) -> int:
     unknown = [name for name in given.names if name not in figures.measurements]
     if unknown:
         raise TrocarError(f"measurement {unknown[0]!r} is unknown; choose of {', '.join(figures.measurements)}")
-    past = [name for name in given.names if figures.measurements[name].history]
-    if past:
-        raise TrocarError(f"{past[0]} tells of an earlier version on purpose; declare another one for today's")
     older = figures.older()
     asked = given.names or list(figures.measurements)
     todo = [figures.measurements[name] for name in asked if given.again or given.names or name in older]
-    todo = [each for each in todo if not each.history]
     todo = sorted((each for each in todo if each.minutes <= given.at_most), key=lambda each: each.minutes)
     print(f"{len(todo)} to measure, about {sum(each.minutes for each in todo):.0f} minutes of an idle machine")
     failed = 0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from trocar.arms import ik_unbounded
 from trocar.files.output import make_folder, write_table, write_text
 from trocar.geometry import SE3, SO3, TURN
-from trocar.tasks.suture.demonstrations.manifest import NAME
+from trocar.tasks.suture.demonstrations import NAME
 from trocar.tasks.suture.planning.primitive import needle_poses, steps, tip_poses, turned_to
 from trocar.tasks.suture.planning.rewards import PRESETS, dexterity
 from trocar.tasks.suture.planning.setup import DIRECTIONS, base_beside

@@ -55,10 +55,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "SO3.exp": (SO3.exp, {"rotvec_rad": np.zeros(3)}),
     "SO3.axis": (SO3.axis, {"axis": "z", "angle_rad": 0.3}),
     "SO3.from_quaternion": (SO3.from_quaternion, {"wxyz": [1.0, 0.0, 0.0, 0.0]}),
-    "fit_rigid": (
-        fit_rigid,
-        {"source_m": POINTS, "target_m": POINTS + 0.1, "weights": np.ones(8)},
-    ),
+    "fit_rigid": (fit_rigid, {"source_m": POINTS, "target_m": POINTS + 0.1, "weights": np.ones(8)}),
     "fk": (fk, {"arm": PSM_CLASSIC, "q": ENDS}),
     "jacobian": (jacobian, {"arm": PSM_CLASSIC, "q": ENDS}),
     "ik": (ik, {"arm": PSM_CLASSIC, "T_base_tip": fk(PSM_CLASSIC, ENDS[0]), "reference": ENDS[0]}),

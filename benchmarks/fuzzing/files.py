@@ -70,7 +70,7 @@ def make_good(folder: Path, trial: Trial) -> None:
 
 def _plan() -> dict[str, Any]:
     from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
-    from trocar.tasks.suture.report.plan_summary import plan_summary
+    from trocar.tasks.suture.planning.summary import plan_summary
 
     found = dexterity(PRESETS["default"].setup, PRESETS["default"].reward, 40)
     return plan_summary(found, plan_even(found, 4))

@@ -37,11 +37,10 @@ WORK = (
     "trocar.calibration.models.lstm.LstmModel.fit",
     "trocar.calibration.fleet.fit_from_prior",
     "trocar.calibration.fleet.learn_prior",
-    "trocar.calibration.fleet.curve.curve",
     "trocar.calibration.study.run_models",
     "trocar.tasks.suture.planning.setup_search.search_setup",
     "trocar.tasks.suture.view.PlanView",
-    "trocar.view.trial_view.show_replay",
+    "trocar.view.trial_view.TrialView",
     "trocar.report.files._pictures",
     "webbrowser.open",
 )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
+from trocar.log import Result
 from trocar.perception.image import CameraModel, Image, StereoWindow, Window
 from trocar.trajectory import Trajectory
-
-Result = TypeVar("Result")
 
 
 class Outcome(Enum):

@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 from recounted import SHIFT, recounted
 from trocar.arms import (
     ARMS,
+    BRANCHES,
     PSM_CLASSIC,
     PSM_SI,
     RAVEN2_LEFT,
+    Branch,
     fk,
     ik,
     ik_branches,
-    ik_floats,
     ik_near,
     ik_unbounded,
     limit_violations,
@@ -45,14 +46,7 @@ def test_ik_inverts_fk_on_many_configurations(arm):
 
 @arms
 def test_without_bounds_the_tip_is_reached_though_a_joint_leaves_its_range(arm):
-    wide = replace(
-        arm,
-        joints=tuple(
-            joint if joint.prismatic else replace(joint, lower=joint.lower - 0.05, upper=joint.upper + 0.05)
-            for joint in arm.joints
-        ),
-    )
-    q = sample(wide, 5, (5000,))
+    q = sample(arm.widened(0.05, 0.0), 5, (5000,))
     T = fk(arm, q)
     found = ik_unbounded(arm, T)
     reached = np.isfinite(found).all(-1)
@@ -105,6 +99,17 @@ def test_axes_may_meet_at_any_angle_and_joints_be_counted_from_anywhere(first_tw
         np.testing.assert_allclose([ik(arm, T[i], q[i]) for i in range(9)], q[:9], rtol=0, atol=1e-8)
 
 
+def test_every_combination_of_signs_is_a_branch_in_the_order_of_the_solutions():
+    assert set(BRANCHES) == {Branch(*signs) for signs in product((1, -1), repeat=3)} and len(BRANCHES) == 8
+    arm = PSM_CLASSIC
+    q, real = ik_branches(arm, fk(arm, np.random.default_rng(0).uniform(arm.lower, arm.upper, (20, 6))))
+    assert real.all()
+    turned = q + arm.offsets
+    signs = np.sign([np.cos(turned[..., 5]), np.cos(turned[..., 4]), np.sin(turned[..., 1])])
+    for number, branch in enumerate(BRANCHES):
+        assert (signs[:, :, number] == np.array(branch)[:, None]).all(), branch
+
+
 @arms
 def test_branches_lie_within_half_a_turn_of_the_middle_of_their_ranges(arm):
     other = recounted(arm, 5 * SHIFT)
@@ -126,19 +131,6 @@ def test_what_is_unreal_or_out_of_range_is_told_apart_where_bounds_do_not_count(
     assert np.isnan(ik_unbounded(arm, above)).any()
     with pytest.raises(OutOfReach, match="choose another pose"):
         ik_near(arm, SE3.unchecked(np.stack([T[0].matrix, above.matrix])), q[:2])
-
-
-@arms
-def test_one_pose_in_floats_is_solved_like_one_in_an_array(arm):
-    q, near = sample(arm, 8), sample(arm, 9)
-    rows = fk(arm, q).matrix.tolist()
-    for reference in (None, near, near.tolist()):
-        np.testing.assert_allclose(
-            ik_floats(arm, rows, reference), ik(arm, np.array(rows)[None], reference)[0], atol=1e-9
-        )
-    for bad in (near[:5], np.append(near, 0.0), [*near[:5], np.nan]):
-        with pytest.raises(TrocarError, match="six finite numbers"):
-            ik_floats(arm, rows, bad)
 
 
 def test_rounding_beyond_a_limit_is_clipped_and_more_is_not():

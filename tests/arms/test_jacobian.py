@@ -2,18 +2,7 @@ import numpy as np
 import pytest
 
 from recounted import SHIFT, recounted
-from trocar.arms import (
-    ARMS,
-    PSM_CLASSIC,
-    PSM_SI,
-    fk,
-    frames,
-    jacobian,
-    joint_margins,
-    limit_violations,
-    manipulability,
-    wrist_depth_m,
-)
+from trocar.arms import ARMS, PSM_CLASSIC, PSM_SI, fk, frames, jacobian, limit_violations, manipulability, wrist_depth_m
 from trocar.errors import TrocarError
 
 arms = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
@@ -60,12 +49,10 @@ def test_the_depth_is_that_of_the_pitch_axis(arm):
 
 
 @arms
-def test_margins_and_violations_agree(arm):
+def test_a_joint_beyond_its_range_is_named_with_its_excess(arm):
     q = arm.middle.copy()
-    np.testing.assert_allclose(joint_margins(arm, q), (arm.upper - arm.lower) / 2)
     assert limit_violations(arm, q) == []
     q[2] = arm.upper[2] + 0.05
-    assert joint_margins(arm, q)[2] == pytest.approx(-0.05)
     (sentence,) = limit_violations(arm, np.array([arm.middle, q]))
     assert "'insertion'" in sentence
     assert "by 0.0500" in sentence
@@ -75,7 +62,7 @@ def test_margins_and_violations_agree(arm):
 @arms
 def test_from_where_joints_are_counted_changes_nothing(arm):
     other, q = recounted(arm), sample(arm, 6, (50,))
-    for measure in (jacobian, manipulability, wrist_depth_m, joint_margins):
+    for measure in (jacobian, manipulability, wrist_depth_m):
         np.testing.assert_allclose(measure(other, q - SHIFT), measure(arm, q), rtol=0, atol=1e-14)
 
 
@@ -87,11 +74,10 @@ def test_each_joint_is_named_at_its_worst_whichever_end_it_leaves():
     assert "'yaw'" in yaw and "by 0.1000" in yaw
     assert "'wrist_yaw'" in wrist and "by 0.3000" in wrist
     assert limit_violations(PSM_CLASSIC, [PSM_CLASSIC.lower, PSM_CLASSIC.upper]) == []
-    np.testing.assert_array_equal(joint_margins(PSM_CLASSIC, PSM_CLASSIC.upper), 0.0)
 
 
 @arms
 def test_bad_joint_values_are_refused(arm):
-    for function in (jacobian, manipulability, joint_margins, limit_violations):
+    for function in (jacobian, manipulability, limit_violations):
         with pytest.raises(TrocarError, match="shape"):
             function(arm, np.zeros(5))

@@ -1,4 +1,3 @@
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,23 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits
+from plant_models import HOME, RESTING, recorded
+from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.calibration import command_path
 from trocar.calibration.command_path import CommandRequest, command_paths
-from trocar.calibration.compensation import Compensator, HysteresisState
-from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
+from trocar.calibration.compensation import HysteresisState, inverse
+from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.limited_paths import QuadraticSpline
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PLANTS, play_operator
-from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
 from trocar.motion import limit_use, plan_through, rest_to_rest
 from trocar.trajectory import Trajectory
 
 ARM, PAPER, PLANT = ARMS["psm-classic"], MOTION_LIMITS["paper"], PLANTS["psm1_grey"]
 LOWER, UPPER = ARM.lower + 5e-3, ARM.upper - 5e-3
-HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
-RESTING = np.zeros(6)
 KEPT = 1 + 1e-9
 MET = 1e-4
 NEARLY = 1e-3
@@ -33,8 +30,7 @@ NEARLY = 1e-3
 @pytest.fixture(scope="module")
 def models():
     rng = np.random.default_rng(0)
-    q = random_smooth_path(ARM, rng)
-    recording = Recording(q, PLANT.measure(PLANT.run(q), rng), np.ones(len(q), bool), 0.8 * np.arange(len(q)))
+    recording = recorded(PLANT, rng)
     return {name: MODELS[name].fit(recording, rng) for name in ("play", "ridge", "offset")}
 
 
@@ -114,27 +110,6 @@ def spline_to(q, velocity, rng):
         duration *= 1.2
 
 
-@settings(max_examples=12, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_random_motions_keep_the_limits_and_end_where_they_should(play, seed):
-    rng = np.random.default_rng(seed)
-    arm = Driven(play)
-    for _ in range(3):
-        desired = spline_to(arm.joints, RESTING, rng)
-        request = arm.request(desired)
-        path = arm.run(desired)
-        assert_within_limits(path, request)
-        # In one of some thousand motions, short and at its limits, no time is left to cross the slack.
-        assert path.stretch <= (1.0 if limit_use(ARM, desired, PAPER).acceleration_ratio < 0.9 else 1.2)
-        assert path.commands.duration_s <= path.stretch * desired.duration_s + 0.301
-        q = path.commands(np.linspace(0.0, path.commands.duration_s, 1000))
-        assert (q >= LOWER).all() and (q <= UPPER).all()
-        if not path.lacking.any():
-            joints, _ = arm.replayed()
-            assert_allclose(joints, desired.q[-1], atol=NEARLY)
-            assert_allclose(np.abs(joints - desired.q[-1]), path.missing, atol=MET)
-
-
 @settings(max_examples=16, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_motions_may_be_replaced_while_they_run(play, seed):
@@ -180,10 +155,15 @@ def test_sixty_motions_end_exactly_where_they_should_and_take_no_longer(play):
         path = arm.run(desired)
         assert_within_limits(path, request)
         late_s += path.commands.duration_s - desired.duration_s
+        # In one of some thousand motions, short and at its limits, no time is left to cross the slack.
+        assert path.stretch <= (1.0 if limit_use(ARM, desired, PAPER).acceleration_ratio < 0.9 else 1.2)
+        q = path.commands(np.linspace(0.0, path.commands.duration_s, 1000))
+        assert (q >= LOWER).all() and (q <= UPPER).all()
         if not path.lacking.any():
             assert_allclose(arm.joints, desired.q[-1], atol=MET)
             assert path.missing.max() < MET
     assert late_s < 0.3
+    assert_allclose(arm.replayed()[0], arm.joints, atol=MET)
 
 
 def test_a_slack_is_crossed_within_the_limits_and_in_the_same_time(play):
@@ -192,11 +172,10 @@ def test_a_slack_is_crossed_within_the_limits_and_in_the_same_time(play):
     up, down = HOME + [0, 0.05, 0.01, 0.3, 0.4, 0.3], HOME + [0.05, 0, 0.0, 0.0, 0.25, 0.25]
     arm.run(rest_to_rest(arm.joints, up, PAPER))
     desired = plan_through(ARM, [up, down, down + [0, 0, 0.015, 0, -0.02, -0.02]], PAPER).trajectory
-    inverted = Compensator(play)
-    inverted.start(HOME)
-    for commands, until_s in arm.sent:
-        inverted.observe(commands(np.linspace(0.0, until_s, 200)))
-    raw = inverted.path(desired.sample(0.01)[1])
+    memory, raw = arm.memory, []
+    for q in desired.sample(0.01)[1]:
+        raw.append(inverse(play, memory.state, q, q))
+        _, memory = memory.step(raw[-1])
     push = np.abs(np.diff(raw, 2, axis=0)).max(axis=0) / 0.01**2
     assert (push / PAPER.acceleration).max() > 4, "this motion is one that asks for too much"
     path = arm.path(desired)
@@ -297,10 +276,7 @@ def test_arms_of_one_call_keep_one_clock(play):
     stretch = together["hurried"].stretch
     assert stretch > 1.05
     assert together["easy"].stretch == stretch
-    for name, motion, request in (
-        ("hurried", short, hurried.request(short)),
-        ("easy", long, easy.request(long)),
-    ):
+    for name, motion, request in (("hurried", short, hurried.request(short)), ("easy", long, easy.request(long))):
         assert_within_limits(together[name], request)
         at = np.linspace(0.0, motion.duration_s, 50)
         assert_allclose(together[name].desired(stretch * at), motion(at), atol=1e-9)
@@ -324,16 +300,6 @@ def test_at_the_end_of_a_range_commands_stay_inside_and_say_what_they_lack(play)
     assert_allclose(path.joints_at(path.commands.duration_s)[:3], beyond[:3], atol=1e-4)
 
 
-def test_a_start_outside_the_range_comes_back_inside(play):
-    outside = HOME.copy()
-    outside[4] = UPPER[4] + 0.003
-    arm = Driven(play, outside)
-    path = arm.path(rest_to_rest(arm.joints, HOME, PAPER))
-    q = path.commands(np.linspace(0.0, path.commands.duration_s, 500))
-    assert (q[:, 4] <= outside[4] + 1e-9).all() and q[-1, 4] < UPPER[4]
-    assert not path.lacking.any()
-
-
 def test_a_start_towards_the_end_of_a_range_is_braked_beyond_it(play):
     near = HOME.copy()
     near[4] = UPPER[4] - 0.02
@@ -345,18 +311,6 @@ def test_a_start_towards_the_end_of_a_range_is_braked_beyond_it(play):
     farthest = path.commands(np.linspace(0.0, path.commands.duration_s, 2000))[:, 4].max()
     stop = near[4] + 2.5**2 / 2 / PAPER.acceleration[4]
     assert UPPER[4] < stop - 1e-6 <= farthest < stop + 0.02
-
-
-def test_a_motion_with_far_too_little_time_is_slowed_down_as_a_whole(play):
-    arm = Driven(play)
-    away = arm.joints + [0, 0, 0, 0.5, 0.4, -0.4]
-    desired = Trajectory.hermite([0.0, 0.05], [arm.joints, away], np.zeros((2, 6)))
-    request = arm.request(desired)
-    path = arm.run(desired)
-    assert_within_limits(path, request)
-    assert path.stretch > 4
-    assert path.commands.duration_s == pytest.approx(path.stretch * desired.duration_s)
-    assert_allclose(arm.joints, away, atol=MET)
 
 
 @pytest.mark.parametrize("name", ["play", "ridge"])
@@ -372,19 +326,6 @@ def test_a_last_step_makes_up_for_what_there_was_no_time_for(models, name, monke
         assert_allclose(arm.joints, desired.q[-1], atol=MET)
     assert_allclose(np.abs(arm.joints - desired.q[-1]), path.missing, atol=1e-9)
     assert_allclose(path.desired(path.commands.duration_s), desired.q[-1], atol=1e-12)
-
-
-def test_low_limits_of_velocity_are_kept_too(play):
-    gentle = MotionLimits(0.02 * PAPER.velocity, 0.3 * PAPER.acceleration)
-    arm = Driven(play)
-    desired = rest_to_rest(arm.joints, HOME + [0.2, 0.1, 0.02, 0.8, -0.5, 0.4], gentle)
-    request = arm.request(desired)
-    request = replace(request, limits=gentle)
-    path = command_paths({"arm": request})["arm"]
-    assert_within_limits(path, request)
-    assert limit_use(ARM, path.commands, gentle).velocity_ratio > 0.9
-    assert path.commands.duration_s < 1.5 * desired.duration_s + 0.5
-    assert_allclose(path.joints_at(path.commands.duration_s), desired.q[-1], atol=MET)
 
 
 def test_a_slow_path_is_followed_all_along(play):
@@ -426,13 +367,6 @@ def test_a_motion_may_be_asked_for_on_any_clock(play):
     path = arm.path(later)
     assert path.desired.times_s[0] == path.commands.times_s[0] == 0.0
     assert_allclose(path.commands.coefficients, arm.path(desired).commands.coefficients, rtol=1e-6, atol=1e-6)
-
-
-def test_the_same_request_gives_the_same_commands(play):
-    arm = Driven(play)
-    desired = rest_to_rest(arm.joints, goal(np.random.default_rng(4)), PAPER)
-    first, second = arm.path(desired), arm.path(desired)
-    assert np.array_equal(first.commands.coefficients, second.commands.coefficients)
 
 
 def test_errors_weigh_more_near_the_ends_and_most_at_the_last():
@@ -489,14 +423,3 @@ def test_a_path_says_how_far_its_joints_stay_from_what_was_asked(play):
     assert_allclose(path.missing, off[-1], atol=1e-9)
     memory = path.memory_at(times[30])
     assert_allclose(memory.q_cmd, path.commands(times[30]), atol=1e-12)
-
-
-def test_commands_that_run_too_fast_already_are_refused(play):
-    arm = Driven(play)
-    desired = rest_to_rest(arm.joints, HOME, PAPER)
-    with pytest.raises(TrocarError, match=r"joint 3 has commands that already run at 1\.50 times"):
-        arm.path(desired, velocity_start=1.5 * PAPER.velocity * np.eye(6)[2])
-    with pytest.raises(TrocarError, match=r"q_start of a request .*give six finite numbers"):
-        arm.path(desired, q_start=[0.0, np.nan, 0.0, 0.0, 0.0, 0.0])
-    with pytest.raises(TrocarError, match=r"lower of a request .*give six finite numbers"):
-        arm.path(desired, lower=np.zeros(5))

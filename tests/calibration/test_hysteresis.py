@@ -4,24 +4,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from plant_models import plant_model
-from trocar.arms import ARMS
+from plant_models import FAR, HOME, plant_model, recorded
 from trocar.calibration.compensation import HysteresisState
-from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.models import MODELS
 from trocar.calibration.plant import PSM1_GREY, play_operator
-from trocar.calibration.recording import Recording
 from trocar.trajectory import Trajectory
-
-HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
-FAR = np.array([0.80, 0.10, 0.19, 0.40, 0.30, 0.30])
 
 
 @pytest.fixture(scope="module")
 def models():
     rng = np.random.default_rng(0)
-    q = random_smooth_path(next(iter(ARMS.values())), rng, 400)
-    recording = Recording(q, PSM1_GREY.measure(PSM1_GREY.run(q), rng), np.ones(400, bool), 0.8 * np.arange(400))
+    recording = recorded(PSM1_GREY, rng, 400)
     return {name: MODELS[name].fit(recording, rng) for name in ("play", "ridge", "offset")}
 
 
@@ -51,7 +44,6 @@ def test_in_pieces_as_at_once(models, name):
     sent, whole = there_and_back(), HysteresisState.at_rest(models[name], HOME)
     pieces, at = whole, 0.0
     for piece_s in (0.2, 0.02, 0.5, 0.1, 0.4, 0.78):
-        part = Trajectory(sent.times_s, sent.coefficients)
         times = np.linspace(at, at + piece_s, 60)
         part = Trajectory.hermite(times - at, sent(times), sent(times, 1))
         pieces, at = pieces.after(part, piece_s), at + piece_s

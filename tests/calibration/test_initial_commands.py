@@ -1,24 +1,52 @@
+"""What is asked for, and the sketch of its commands."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from plant_models import TRAINING, plant_model
+from plant_models import FAR, HOME, RESTING, TRAINING, plant_model
 from trocar.arms import MOTION_LIMITS, MotionLimits
-from trocar.calibration import command_fit
-from trocar.calibration.command_fit import CommandRequest, knots_of, sketched
+from trocar.calibration import command_path
+from trocar.calibration.command_path import CommandRequest, knots_of, sketched
 from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.models import OffsetModel, RidgeModel
 from trocar.calibration.plant import PSM1_GREY
+from trocar.errors import TrocarError
 from trocar.motion import rest_to_rest
-from trocar.motion.bound import shortest_to_rest_s
+from trocar.motion.double_integrator import shortest_to_rest_s
 from trocar.trajectory import Trajectory
 
-HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
-FAR = np.array([0.80, 0.10, 0.19, 0.40, 0.30, 0.30])
-RESTING = np.zeros(6)
 PAPER = MOTION_LIMITS["paper"]
+GOOD = {"q_start": np.zeros(6), "velocity_start": np.zeros(6), "lower": -np.ones(6), "upper": np.ones(6)}
+
+
+def made(**changes):
+    return CommandRequest(memory=None, desired=None, limits=PAPER, **(GOOD | changes))
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_request_holds_six_finite_numbers_each(name):
+    assert made(**{name: [0.0] * 6}).__getattribute__(name).dtype == np.float64
+    for wrong in (np.zeros(5), np.zeros((1, 6)), [0.0, 0.0, np.nan, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, np.inf]):
+        with pytest.raises(TrocarError, match=f"{name} of a request .*give six finite numbers"):
+            made(**{name: wrong})
+
+
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_commands_may_run_at_their_limit_and_no_faster(joint, sign):
+    """A rounding above it is let through."""
+    full = sign * PAPER.velocity * (np.arange(6) == joint)
+    for share in (0.99, 1.0, 1.0 + 1e-7):
+        assert made(velocity_start=share * full).velocity_start[joint] == share * full[joint]
+    with pytest.raises(TrocarError, match=rf"joint {joint + 1} has commands that already run at 1\.01 times"):
+        made(velocity_start=1.01 * full)
+    with pytest.raises(TrocarError, match=rf"joint {joint + 1} "):
+        made(velocity_start=(1.0 + 1e-5) * full)
+
+
 OFF = np.array([0.001, -0.002, 0.0005, 0.1, -0.05, 0.08])
 OFFSET = OffsetModel(OFF, TRAINING)
 
@@ -114,7 +142,7 @@ def test_the_last_error_is_the_first_guess(monkeypatch):
         guesses.append(guess - (q - OFF))
         return q - OFF
 
-    monkeypatch.setattr(command_fit, "inverse", inverse)
+    monkeypatch.setattr(command_path, "inverse", inverse)
     sketched(request(rest_to_rest(HOME, FAR, PAPER), OFFSET, HOME - OFF))
     assert len(guesses) > 4
     assert_allclose(guesses, 0.0, atol=1e-12)

@@ -1,3 +1,5 @@
+"""Play operators, and plants made of them."""
+
 from functools import cache
 
 import numpy as np
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from trocar.calibration.fleet import load_prior
-from trocar.calibration.fleet.loops import LoopShape
+from trocar.calibration.fleet.prior import LoopShape
 from trocar.calibration.plant import (
     PLANTS,
     PSM1_GREY,
@@ -19,6 +21,73 @@ from trocar.calibration.plant import (
 )
 from trocar.calibration.recording import Recording, load_recording
 from trocar.errors import TrocarError
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def wander(seed, n=60, width=1):
+    return np.cumsum(np.random.default_rng(seed).normal(0, 0.1, (n, width)), axis=0).squeeze()
+
+
+@given(seed=seeds, r=st.floats(0.0, 0.5))
+def test_slack_stays_within_the_radius(seed, r):
+    u = wander(seed)
+    assert np.all(np.abs(u - play_operator(u, r)) <= r + 1e-12)
+
+
+@given(seed=seeds)
+def test_play_is_rate_independent(seed):
+    u = wander(seed)
+    dense = np.interp(np.arange(0, len(u) - 0.5, 0.25), np.arange(len(u)), u)
+    assert_allclose(play_operator(dense, 0.13)[::4], play_operator(u, 0.13), atol=1e-12)
+
+
+def test_by_hand():
+    """Up by one, back by less than the width, and down through it."""
+    u = [0.0, 1.0, 0.9, 0.5, 0.4, -1.0, -0.7]
+    assert_allclose(play_operator(u, 0.25), [0.0, 0.75, 0.75, 0.75, 0.65, -0.75, -0.75])
+    assert_allclose(play_operator(u, 0.0), u)
+    assert_allclose(play_operator(u, 0.25, start=0.2), [0.2, 0.75, 0.75, 0.75, 0.65, -0.75, -0.75])
+    assert_allclose(play_operator(u, 0.25, start=-3.0)[0], -0.25)
+    assert_allclose(play_operator(u, 0.25, start=3.0)[0], 0.25)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 4, 5, 27])
+def test_few_operators_and_many_are_computed_alike(columns):
+    """In one go or one after the other, from any start; and of a batch of inputs with a radius for each."""
+    rng = np.random.default_rng(columns)
+    u, radii = wander(columns, width=columns).reshape(60, columns), rng.uniform(0.0, 0.3, columns)
+    start = u[0] + rng.uniform(-0.5, 0.5, columns)
+    for begin in (None, start):
+        found = play_operator(u, radii, begin)
+        assert found.shape == u.shape
+        for k in range(columns):
+            one = play_operator(u[:, k], radii[k], None if begin is None else begin[k])
+            assert_allclose(found[:, k], one, atol=1e-15)
+
+
+def test_one_input_drives_operators_of_many_radii():
+    u, radii = wander(3)[:, None, None], np.array([[0.1, 0.2], [0.3, 0.4]])
+    found = play_operator(u, radii)
+    assert found.shape == (60, 2, 2)
+    for index in np.ndindex(2, 2):
+        assert_allclose(found[(slice(None), *index)], play_operator(u[:, 0, 0], radii[index]))
+
+
+def test_no_input_is_no_output():
+    assert play_operator(np.empty(0), 0.1).shape == (0,)
+    assert play_operator(np.empty((0, 3)), 0.1).shape == (0, 3)
+    assert play_operator(np.empty((0, 30)), np.full(30, 0.1)).shape == (0, 30)
+    assert play_operator(np.empty((5, 0)), 0.1).shape == (5, 0)
+
+
+@pytest.mark.parametrize(
+    ("u", "r"), [([0.0, np.nan], 0.1), ([0.0, np.inf], 0.1), ([0.0, 1.0], -0.1), ([0.0, 1.0], np.nan)]
+)
+def test_bad_input_is_one_sentence(u, r):
+    with pytest.raises(TrocarError):
+        play_operator(u, r)
+
 
 RESIDUALS_RAD = {
     "psm1_grey": (0.0170, 0.0302, 0.0220),
@@ -174,13 +243,6 @@ def test_outer_joints_are_exact_and_offsets_shift(seed):
     shift = np.array([0.01, -0.02, 0.03])
     moved = PSM1_GREY.with_offset(PSM1_GREY.offset + shift).run(q)
     assert_allclose((moved - PSM1_GREY.run(q))[:, 3:], np.broadcast_to(shift, (len(q), 3)), atol=1e-14)
-
-
-def test_slack_of_pitch_leaks_into_yaw():
-    q = np.zeros((200, 6))
-    q[:, 4] = 0.5 * np.sin(np.linspace(0, 4 * np.pi, 200))
-    yaw = PSM1_GREY.run(q)[50:, 5]
-    assert np.ptp(yaw) > 0.05
 
 
 def test_noise_has_the_recorded_sd():

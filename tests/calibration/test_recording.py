@@ -1,13 +1,12 @@
+"""Recordings, and the files that they come in."""
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from trocar.calibration import study
 from trocar.calibration.models.base import TrainingMotion, sampling_interval
-from trocar.calibration.recording import (
-    Recording,
-    load_recording,
-    looks_like_recording,
-)
+from trocar.calibration.recording import COMMANDED, MEASURED, Recording, load_recording, looks_like_recording
 from trocar.errors import TrocarError
 
 N = 50
@@ -35,27 +34,6 @@ def test_npz_and_folders_hold_the_same(tmp_path, arrays):
     assert_array_equal(one.valid, arrays["valid"])
 
 
-def test_bad_rows_are_masked_and_their_commands_kept(arrays):
-    arrays["valid"][:] = True
-    arrays["q_phy"][3, 2] = np.nan
-    arrays["q_phy"][7, 3] += np.pi
-    recording = Recording(**arrays)
-    assert_array_equal(np.flatnonzero(~recording.valid), [3, 7])
-    assert len(recording.q_cmd) == N
-
-
-def test_scored_rows_keep_the_history(arrays):
-    part = Recording(**arrays).scored(30)
-    assert len(part) == N
-    assert not part.valid[:30].any()
-    assert_array_equal(part.valid[30:], arrays["valid"][30:])
-
-
-def test_pauses_do_not_count_in_the_sampling_interval():
-    q = np.repeat(np.arange(5.0)[:, None] * 0.1, 3, axis=0) * np.ones(6)
-    assert_allclose(sampling_interval(q), 0.1)
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -63,12 +41,7 @@ def test_pauses_do_not_count_in_the_sampling_interval():
         {"q_cmd": np.zeros(N)},
         {"q_phy": np.zeros((N - 1, 6))},
         {"q_cmd": np.full((N, 6), np.nan)},
-        {
-            "q_cmd": np.empty((0, 6)),
-            "q_phy": np.empty((0, 6)),
-            "valid": np.empty(0, bool),
-            "t_s": np.empty(0),
-        },
+        {"q_cmd": np.empty((0, 6)), "q_phy": np.empty((0, 6)), "valid": np.empty(0, bool), "t_s": np.empty(0)},
         {"q_cmd": np.array([["a"] * 6] * N)},
         {"valid": np.ones(N - 1, bool)},
         {"valid": np.full(N, 2)},
@@ -95,24 +68,6 @@ def test_malformed_files_are_one_sentence(tmp_path, arrays):
         with pytest.raises(TrocarError) as error:
             load_recording(tmp_path / name)
         assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("scale", "said"),
-    [
-        (np.degrees([1, 1, np.pi / 180, 1, 1, 1]), "which looks like degrees; give rad"),
-        ([1, 1, 1e3, 1, 1, 1], "commands of q3 up to 200.0, which looks like millimetres"),
-    ],
-)
-def test_other_units_are_recognised(tmp_path, arrays, scale, said):
-    arrays["q_cmd"] = np.clip(arrays["q_cmd"], -0.2, 0.2)
-    arrays["q_cmd"][0] = [0.1, 0.1, 0.2, np.radians(30.0), 0.1, 0.1]
-    np.savez(tmp_path / "good.npz", **arrays)
-    load_recording(tmp_path / "good.npz")
-    scaled = {key: arrays[key] * scale for key in ("q_cmd", "q_phy")}
-    np.savez(tmp_path / "other.npz", **(arrays | scaled))
-    with pytest.raises(TrocarError, match=said):
-        load_recording(tmp_path / "other.npz")
 
 
 def test_a_wrist_that_rests_says_nothing_of_its_cables(arrays):
@@ -152,18 +107,20 @@ def test_the_first_rows_are_a_recording_of_two_rows_or_more(arrays):
             recording.first(rows)
 
 
-def test_rows_are_scored_from_one_up_to_another(arrays):
+def test_rows_are_scored_from_one_on(arrays):
     arrays["valid"][:] = True
     recording = Recording(**arrays)
-    for bounds, rows in (((), range(N)), ((10, 20), range(10, 20)), ((0, N), range(N)), ((N - 1, N), [N - 1])):
-        assert_array_equal(np.flatnonzero(recording.scored(*bounds).valid), rows)
-    for bounds in ((-1, 5), (5, 5), (6, 5), (0, N + 1)):
-        with pytest.raises(TrocarError, match=f"rows {bounds[0]} to {bounds[1]} of recording are not within"):
-            recording.scored(*bounds)
+    for first in (0, 10, N - 1):
+        part = recording.scored(first)
+        assert_array_equal(np.flatnonzero(part.valid), range(first, N))
+        assert_array_equal(part.q_cmd, recording.q_cmd)
+    for first in (-1, N):
+        with pytest.raises(TrocarError, match=f"row {first} is not within the {N} rows of recording"):
+            recording.scored(first)
     arrays["valid"][30:] = False
-    with pytest.raises(TrocarError, match="rows 30 to 40 of recording have no valid measurement"):
-        Recording(**arrays).scored(30, 40)
-    assert Recording(**arrays).scored(29, 40).valid.sum() == 1
+    with pytest.raises(TrocarError, match="has no valid measurement from row 30 on"):
+        Recording(**arrays).scored(30)
+    assert Recording(**arrays).scored(29).valid.sum() == 1
 
 
 def test_a_recording_shows_its_length_and_its_ranges(arrays):
@@ -290,3 +247,102 @@ def test_two_rows_are_a_recording_and_times_may_stand_still(arrays):
     with pytest.raises(TrocarError, match="has a q_cmd that is not finite at row 7; models"):
         Recording(**(arrays | {"q_cmd": q_cmd}))
     assert_array_equal(Recording(**(arrays | {"valid": arrays["valid"].astype(int)})).valid, arrays["valid"])
+
+
+ROWS = 40
+HEADER = ["time_s", *COMMANDED, *MEASURED, "valid"]
+
+
+@pytest.fixture
+def values():
+    """Time, commands, measurements and valid of a good recording, as its columns (n, 14)."""
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-0.2, 0.2, (ROWS, 6))
+    return np.column_stack([0.8 * np.arange(ROWS), q, q + 0.05, rng.random(ROWS) > 0.2])
+
+
+def written(path, values, header=HEADER, cells=()):
+    """Write a table, some cells (row, column) replaced by a text, and return its path."""
+    rows = [[f"{value:.17g}" for value in row] for row in values]
+    for row, column, text in cells:
+        rows[row][header.index(column)] = text
+    path.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
+    return path
+
+
+def test_a_csv_and_an_npz_hold_the_same_whatever_the_order_of_the_columns(tmp_path, values):
+    order = np.random.default_rng(1).permutation(len(HEADER))
+    table = written(tmp_path / "mine.csv", values[:, order], [HEADER[k] for k in order])
+    np.savez(tmp_path / "mine.npz", q_cmd=values[:, 1:7], q_phy=values[:, 7:13], valid=values[:, 13], t_s=values[:, 0])
+    one, other = load_recording(table), load_recording(tmp_path / "mine.npz")
+    for name in ("q_cmd", "q_phy", "valid", "t_s"):
+        assert_array_equal(getattr(one, name), getattr(other, name))
+    assert one.name == other.name == "mine"
+
+
+def test_times_and_valid_may_be_left_out_and_an_empty_cell_is_no_measurement(tmp_path, values):
+    cells = [(3, "q5_measured_rad", ""), (4, "q1_measured_rad", "nan")]
+    recording = load_recording(written(tmp_path / "mine.csv", values[:, 1:13], HEADER[1:13], cells))
+    assert_array_equal(np.flatnonzero(~recording.valid), [3, 4])
+    assert len(recording) == ROWS
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda h: [n for n in h if n != "q6_measured_rad"], "lacks column q6_measured_rad, it has time_s, q1_comm"),
+        (lambda h: [n.replace("q4_commanded_rad", "q4_commanded_deg") for n in h], "in 'deg'; give it in rad and call"),
+        (lambda h: [n.replace("q3_measured_m", "q3_measured_mm") for n in h], "in 'mm'; give it in m and call"),
+        (
+            lambda h: [n.replace("q2_measured_rad", "q2_measured") for n in h],
+            "without a unit; .* call it 'q2_measured_rad'",
+        ),
+        (lambda h: [n.replace("valid", "is_valid") for n in h], "column 'is_valid' too many; .* 'valid'"),
+        (lambda h: [n.replace("valid", "t_s") for n in h], "column 't_s' too many"),
+        (lambda h: [*h[:-1], h[1]], "does not name its columns"),
+    ],
+    ids=["missing", "deg", "mm", "no unit", "strange", "two times", "twice"],
+)
+def test_columns_that_are_missing_or_strange_are_named(tmp_path, values, change, said):
+    header = change(HEADER)
+    with pytest.raises(TrocarError, match=said) as error:
+        load_recording(written(tmp_path / "mine.csv", values[:, : len(header)], header))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        ((5, "q4_commanded_rad", "abc"), "row 7 .* holds 'abc' under 'q4_commanded_rad'; give a number"),
+        ((5, "q4_commanded_rad", ""), "has no number under 'q4_commanded_rad' in row 7; .* whole history"),
+        ((5, "q4_measured_rad", "inf"), "row 7 .* holds 'inf'"),
+        ((5, "q4_measured_rad", "1,2"), "row 7 .* has 15 cells, not 14"),
+        ((5, "time_s", "-1"), "times t_s that are not finite or decrease"),
+        ((5, "time_s", ""), "times t_s that are not finite or decrease"),
+        ((5, "valid", "2"), "has other values of valid than true or false"),
+        ((5, "q4_commanded_rad", "30"), "which looks like degrees; give rad"),
+        ((5, "q3_commanded_m", "120"), "commands of q3 up to 120.0, which looks like millimetres"),
+    ],
+)
+def test_cells_that_are_wrong_are_named_with_their_row(tmp_path, values, cell, said):
+    with pytest.raises(TrocarError, match=said):
+        load_recording(written(tmp_path / "mine.csv", values, cells=[cell]))
+
+
+def test_tables_without_rows_are_refused(tmp_path, values):
+    with pytest.raises(TrocarError, match="has 0 rows; a recording needs 2 or more"):
+        load_recording(written(tmp_path / "none.csv", values[:0]))
+    (tmp_path / "empty.csv").write_text("")
+    with pytest.raises(
+        TrocarError, match="is empty; its first line must name the columns, such as time_s,q1_commanded"
+    ):
+        load_recording(tmp_path / "empty.csv")
+
+
+def test_the_study_takes_either_kind_and_says_where_recordings_are(tmp_path, values):
+    written(tmp_path / "one.csv", values)
+    assert len(study.load_study_recordings(tmp_path, ["one"])["one"]) == ROWS
+    with pytest.raises(
+        TrocarError, match=r"lacks the recordings two .*--data or TROCAR_DATA \(docs/calibration.md, 'Pub"
+    ):
+        study.load_study_recordings(tmp_path, ["one", "two"])

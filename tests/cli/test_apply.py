@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from trocar.arms import PSM_CLASSIC
-from trocar.calibration.compensation import Compensator
 from trocar.calibration.excitation import random_smooth_path
-from trocar.calibration.models import load_model
 from trocar.calibration.plant import PSM1_GREY
 from trocar.calibration.recording import JOINT_NAMES, Recording
 
@@ -58,5 +56,3 @@ def test_a_model_with_a_window_gets_rows_as_dense_as_it_was_fitted_on(trocar, fi
     assert trocar("calibrate", "apply", model, files[1], "--out", tmp_path / "commands.csv")[0] == 0
     _, rows = table_of(tmp_path / "commands.csv")
     assert len(rows) > 60 and np.all(np.diff(rows[:, 0]) > 0) and rows[-1, 0] == pytest.approx(5.9)
-    fitted = load_model(model)
-    assert Compensator(fitted).method == "algorithm1"

@@ -50,10 +50,11 @@ def test_what_is_left_of_the_brackets_errors_is_small(found, station):
     how = station.registration
     rng = np.random.default_rng(np.random.SeedSequence(SEED).spawn(3)[1])
     sd = np.repeat([how.bracket_sd_m, how.bracket_sd_rad], 3)
-    base_off = []
+    base_off, T_world_camera = [], station.cameras[found.camera].T_world_camera
     for arm in station.arms:
         drawn = SE3.exp(sd * rng.standard_normal(6))
-        base_off.append((found.T_base_board_off(arm) @ drawn.inverse()).log())
+        T_board_found = how.T_world_board.inverse() @ T_world_camera @ found.poses[arm].T_left_board
+        base_off.append((T_board_found @ drawn.inverse()).log())
     apart = base_off[0] - base_off[1]
     assert np.linalg.norm(apart[:3]) < 0.15e-3 and np.degrees(np.linalg.norm(apart[3:])) < 0.1
 

@@ -9,7 +9,7 @@ from trocar.calibration.excitation import PSM1_BOX, MotionBox
 from trocar.calibration.recording import load_recording
 from trocar.collect.chain import calibrate
 from trocar.collect.collection import SAMPLE_S, Collection
-from trocar.collect.motion import MARGIN_PX, bounds_px, commands_in_view, in_view, why_no_images
+from trocar.collect.motion import commands_in_view, why_no_images
 from trocar.errors import TrocarError
 from trocar.lab import SensorFlaws, load_station
 from trocar.lab.session import draw_session
@@ -80,7 +80,7 @@ def test_distances_and_joints_are_as_good_as_the_papers(collected, arm):
 def test_the_base_is_found_where_the_arm_went(collected, arm):
     """A printer's .1 mm on the shaft's spheres, near the middle of the place, leaves about as much there."""
     one, found, _ = collected[arm]
-    off = one.T_camera_base_true.inverse() @ one.measured(found).hand_eye.T_camera_base
+    off = one.T_camera_base_true.inverse() @ one.measured(found).T_camera_base
     tips = fk(one.model, one.q_cmd[2:]).translation_m
     assert np.linalg.norm(off.apply(tips) - tips, axis=-1).max() < 0.4e-3
 
@@ -92,7 +92,7 @@ def test_a_sphere_behind_another_is_not_reported(collected):
     rng, hidden = np.random.default_rng(8), 0
     size = np.array([one.view.lens.width, one.view.lens.height])
     for q in rng.uniform(PSM1_BOX.lower, PSM1_BOX.upper, (25, 6)):
-        around = bounds_px(one.model, SIX_SPHERES, one.view, q, MARGIN_PX, np.zeros(6))
+        around = one.view.bounds_px(q)
         first, last = (corner.clip(0, size).astype(int) for corner in around)
         found = find_spheres(cell.image(q, tuple(first), tuple(last - first), rng), SIX_SPHERES)
         error = np.linalg.norm(found - true_centers_m("psm1", cell, q), axis=-1)
@@ -124,7 +124,7 @@ def test_commands_are_dense_within_limits_and_in_view_and_take_no_longer_than_th
     model, path = one.model, one.q_cmd[2:]
     assert path.shape == (1355, 6)
     assert (path >= model.lower).all() and (path <= model.upper).all()
-    assert in_view(model, SIX_SPHERES, one.view, path).all()
+    assert one.view.holds(path).all()
     assert one.duration_s <= 18 * 60
     steps = np.abs(np.diff(path, axis=0))
     assert steps.mean(axis=0)[3:].max() < 0.1
@@ -141,7 +141,7 @@ def test_a_range_that_the_camera_does_not_see_is_refused():
     away = MotionBox(PSM1_BOX.lower - [1.5, 0, 0, 0, 0, 0], PSM1_BOX.upper - [1.5, 0, 0, 0, 0, 0], PSM1_BOX.step)
     one = collection()
     with pytest.raises(TrocarError, match="camera does not see the spheres of 'psm-classic'"):
-        commands_in_view(one.model, SIX_SPHERES, one.view, away, ROWS, np.random.SeedSequence(0))
+        commands_in_view(one.view, away, ROWS, np.random.SeedSequence(0), wide=False)
     assert "does not see" in why_no_images(STATION, "psm1", away)
 
 

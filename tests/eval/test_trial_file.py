@@ -66,7 +66,8 @@ def test_what_was_saved_comes_back(path):
     for name in ("about", "scores", "spans", "events", "collisions", "ended", "reason", "duration_s", "images"):
         assert getattr(loaded, name) == getattr(trial, name), name
     assert loaded.command_limit_use == trial.command_limit_use
-    assert (loaded.computations, loaded.wall_s) == (trial.computations, trial.wall_s)
+    assert loaded.computations == trial.computations
+    assert (loaded.machine_speed, loaded.wall_s) == (trial.machine_speed, trial.wall_s) == (0.9, 10.0)
     assert loaded.scenery.values() == trial.scenery.values()
     assert set(loaded.arrays) == set(trial.arrays)
     for key, array in trial.arrays.items():
@@ -77,6 +78,7 @@ def test_what_was_saved_comes_back(path):
 def test_the_speed_of_the_machine_is_not_in_the_trial(tmp_path):
     fast, slow = synthetic_trial(RUN), synthetic_trial(RUN)
     object.__setattr__(slow, "wall_s", 99.0)
+    object.__setattr__(slow, "machine_speed", 0.1)
     slow.computations.clear()
     first, second = fast.save(tmp_path / "fast.npz"), slow.save(tmp_path / "slow.npz")
     assert first.read_bytes() == second.read_bytes()
@@ -89,7 +91,7 @@ def test_lost_times_are_no_loss_of_the_trial(path, content):
     if content is not None:
         timing_file(path).write_text(content)
     trial = Trial.load(path)
-    assert (trial.computations, trial.wall_s) == ([], 0.0)
+    assert (trial.computations, trial.machine_speed, trial.wall_s) == ([], 1.0, 0.0)
     assert len(trial.scores) == 12
 
 

@@ -1,4 +1,4 @@
-"""SO3 and SE3 by their axioms, over batch shapes, near the identity and near half a turn."""
+"""SO3 and SE3 by their axioms, over batch shapes, near the identity and near half a turn; directions."""
 
 import numpy as np
 import pytest
@@ -8,25 +8,11 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, direction
 from trocar.geometry.so3 import skew
 
 BATCHES = [(), (1,), (7,), (2, 3)]
-ANGLES = [
-    0.0,
-    1e-300,
-    1e-160,
-    1e-12,
-    1e-8,
-    0.99e-4,
-    1.01e-4,
-    1e-2,
-    1.0,
-    3.0,
-    np.pi - 1e-3,
-    np.pi - 1e-8,
-    np.pi,
-]
+ANGLES = [0.0, 1e-300, 1e-160, 1e-12, 1e-8, 0.99e-4, 1.01e-4, 1e-2, 1.0, 3.0, np.pi - 1e-3, np.pi - 1e-8, np.pi]
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -165,3 +151,16 @@ def test_poses_say_what_they_are_in_millimetres_and_degrees():
     assert repr(two[:0]) == "<SE3 (0,): none>"
     assert repr(two[:0].rotation) == "<SO3 (0,): none>"
     assert "nan" in repr(SE3.unchecked(np.full((4, 4), np.nan)))
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-300, 1.0, 1e308])
+def test_a_vector_of_any_length_has_a_direction(size):
+    np.testing.assert_allclose(direction([size, size, 0.0], "up"), [np.sqrt(0.5), np.sqrt(0.5), 0.0], rtol=1e-15)
+    turned = SO3.between([0.0, 0.0, size], [size, 0.0, 0.0]).matrix @ [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(turned, [1.0, 0.0, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize("vector", [[0, 0, 0], [np.nan, 0, 1], [np.inf, 0, 0], [0, 1], ["a", 0, 0]])
+def test_what_has_no_direction_is_refused_by_name(vector):
+    with pytest.raises(TrocarError, match=r"the way up is .*; give three finite numbers that are not all 0"):
+        direction(vector, "the way up")

@@ -18,7 +18,7 @@ from trocar.lab import Registration, load_station
 from trocar.lab.flaws import FLAWS, LEVELS, Difficulty
 from trocar.lab.session import draw_session, points_of_registration
 from trocar.lab.transmission import JawCable
-from trocar.sim.recording import record_motion
+from trocar.sim.calibration_cells import record_motion
 
 STATION = load_station("peg-transfer")
 

@@ -63,39 +63,6 @@ def test_no_point_accelerates_more_than_the_bound(arm, seed, speed):
 
 
 @ARM_CASES
-@pytest.mark.parametrize("joint", range(6))
-def test_the_bound_is_not_idle(arm, joint):
-    """One joint alone, turning evenly or pushed: the bound is near to what happens to the part that it moves most."""
-    q = arm.middle + 0.2 * (arm.upper - arm.lower) * [0, 0, 0, 0, 1, 1]
-    rate, push = np.zeros(6), np.zeros(6)
-    rate[joint], push[joint] = 0.8, 2.0
-    for order, coefficients in (("even", [rate, q]), ("pushed", [push / 2, 0 * rate, q])):
-        moving = MovingArm(arm, Trajectory(np.array([0.0, 1e-3]), np.array(coefficients)[:, None]))
-        bound = greatest_accelerations(moving, np.zeros(1), np.full(1, 1e-3))[0].max()
-        step = 1e-4
-        points = [moving.ends_m(np.array([5e-4 + shift])) for shift in (-step, 0.0, step)]
-        happens = np.linalg.norm(points[0] - 2 * points[1] + points[2], axis=-1).max() / step**2
-        if joint == 2 and order == "even":
-            assert bound == pytest.approx(0.0, abs=1e-9) and happens == pytest.approx(0.0, abs=1e-4)
-        else:
-            assert happens <= bound * (1 + 1e-3) <= 12 * happens
-
-
-@ARM_CASES
-@pytest.mark.parametrize(("turns", "slides", "seconds"), [(1.0, 0.8, 1e-3), (5.0, 0.1, 1.0)])
-def test_what_one_joint_does_is_turned_by_those_before_it(arm, turns, slides, seconds):
-    """The insertion moves while the arm turns: Coriolis' share, and a lever that grows within the interval."""
-    outwards = -arm.wrist_sign
-    rate = np.array([0.0, turns, outwards * slides, 0, 0, 0])
-    moving = MovingArm(arm, Trajectory(np.array([0.0, seconds]), np.array([rate, arm.middle])[:, None]))
-    bound = greatest_accelerations(moving, np.zeros(1), np.full(1, seconds))[0]
-    step, times = 1e-5, np.linspace(1e-5, seconds - 1e-5, 50)
-    points = [moving.ends_m(times + shift) for shift in (-step, 0.0, step)]
-    push = np.linalg.norm(points[0] - 2 * points[1] + points[2], axis=-1) / step**2
-    assert np.all(push.max(axis=(0, 2)) <= bound * (1 + 1e-3))
-
-
-@ARM_CASES
 @settings(max_examples=8, deadline=None)
 @given(seed=SEEDS, speed=st.floats(0.0, 8.0), enough_mm=st.sampled_from([0.0, 1.0, 20.0, np.inf]))
 def test_two_arms_and_obstacles_against_brute_force(arm, seed, speed, enough_mm):

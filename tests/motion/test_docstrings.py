@@ -30,7 +30,7 @@ def test_the_examples_in_docstrings_run(name):
         "pairwise": pairwise,
     }
     module = import_module(f"trocar.motion.{name}")
-    result = doctest.testmod(module, globs=known)
+    result = doctest.testmod(module, globs=vars(module) | known)
     assert result.failed == 0
 
 

@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from trocar.arms import ARMS, MOTION_LIMITS, MotionLimits, fk
 from trocar.errors import TrocarError
 from trocar.motion import duration_bound_s, limit_use, move_to, rest_to_rest, straight
+from trocar.motion.double_integrator import phases_to_rest
 from trocar.motion.limits import knot_jumps
-from trocar.motion.moves import REACHED, _along_line
-from trocar.motion.phases import phases_to_rest
 
 LIMITS = MOTION_LIMITS["paper"]
 PSM = ARMS["psm-classic"]
@@ -31,10 +30,7 @@ def test_rest_to_rest_is_straight_within_limits_and_shortest(seed, share):
 
 
 def test_a_move_to_where_it_is_holds():
-    for move in (
-        rest_to_rest(PSM.middle, PSM.middle, LIMITS),
-        straight(PSM, OVER_THE_BOARD, [0, 0, 0], LIMITS),
-    ):
+    for move in (rest_to_rest(PSM.middle, PSM.middle, LIMITS), straight(PSM, OVER_THE_BOARD, [0, 0, 0], LIMITS)):
         assert move.duration_s == pytest.approx(0.01)
         assert not move(np.linspace(0, 0.01, 5), 1).any()
 
@@ -139,8 +135,6 @@ def test_a_joint_that_waits_for_others_passes_its_goal_only_if_it_must(distance,
 
 
 def test_a_move_from_under_way_refuses_what_is_no_motion():
-    with pytest.raises(TrocarError, match="breaks the limits"):
-        move_to(PSM.middle, 2 * LIMITS.velocity, PSM.middle, LIMITS)
     with pytest.raises(TrocarError, match="velocity at the start of a move must be finite"):
         move_to(PSM.middle, [np.nan] * 6, PSM.middle, LIMITS)
 
@@ -176,10 +170,3 @@ def test_a_start_may_be_as_fast_as_the_limit(share, refused):
             move_to(PSM.middle, velocity, PSM.middle, LIMITS)
     else:
         assert move_to(PSM.middle, velocity, PSM.middle, LIMITS).duration_s > 1.0
-
-
-def test_on_a_line_the_tip_is_where_it_was_told_and_is_not_turned():
-    offsets_m = np.outer(np.linspace(0.0, 1.0, 5), [0.02, -0.03, 0.015])
-    home, found = fk(PSM, OVER_THE_BOARD), fk(PSM, _along_line(PSM, OVER_THE_BOARD, offsets_m))
-    assert np.abs(found.translation_m - home.translation_m - offsets_m).max() < REACHED
-    assert np.abs((found.rotation @ home.rotation.inverse()).log()).max() < REACHED

@@ -1,3 +1,7 @@
+"""What is asked of arms, and what of it cannot be."""
+
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +13,6 @@ from trocar.geometry import SE3
 from trocar.motion import (
     ArmMotion,
     Capsule,
-    Facing,
     HalfSpace,
     MotionProblem,
     MovingArm,
@@ -17,11 +20,9 @@ from trocar.motion import (
     limit_use,
     open_box,
     plan_motion,
-    rest_to_rest,
-    straight,
     wall,
 )
-from trocar.motion.obstacles import stacked
+from trocar.motion.bodies import stacked
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, transfer
 
@@ -92,32 +93,19 @@ def test_one_of_several_arms_that_is_asked_too_much_is_named():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Capsule([0, 0]), r"start of a capsule must have shape \(3,\), got \(2,\)"),
-        (lambda: Capsule([0, 0, 0], [0, 0, np.nan]), r"end of a capsule must be finite, got nan at \[2\]"),
-        (lambda: Capsule([0, 0, 0], radius_m=-1), "radius of a capsule is -1 m"),
-        (lambda: HalfSpace([0, 0, 0], [0, 0, 0]), r"normal of a half-space is \[0, 0, 0\]; give three"),
-        (lambda: MovingArm.resting(PSM, FOUR[0], jaw_rad=np.inf), "jaws at inf rad"),
-    ],
-)
-def test_what_is_in_the_way_is_checked(make, words):
-    with pytest.raises(TrocarError, match=words):
-        make()
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
         (lambda: MovingArm(PSM, HOLD, SE3.identity((2,))), "needs one pose"),
         (lambda: MovingArm(PSM, HOLD, np.zeros((4, 4))), "length 1 at right angles"),
         (lambda: TimedPath(FOUR, [0.0, 1.0]), "needs a Trajectory, got ndarray"),
         (lambda: TimedPath(HOLD, [0.0, np.nan]), "times must be finite"),
-        (lambda: Facing("z", [0, 0, 1], 1.0), "the axis that faces a point is z; give three finite numbers"),
+        (lambda: Capsule([0, 0]), r"start of a capsule must have shape \(3,\), got \(2,\)"),
+        (lambda: Capsule([0, 0, 0], [0, 0, np.nan]), r"end of a capsule must be finite, got nan at \[2\]"),
+        (lambda: Capsule([0, 0, 0], radius_m=-1e-9), "radius of a capsule is -1e-09 m; give a finite radius"),
+        (lambda: Capsule([0, 0, 0], radius_m=np.inf), "radius of a capsule is inf m"),
+        (lambda: HalfSpace([0, 0, 0], [0, 0, 0]), r"normal of a half-space is \[0, 0, 0\]; give three"),
         (lambda: wall("fence", [0, 0], [1, 0], 0.02, 0.002), "foot of wall 'fence' must have shape"),
         (lambda: wall("fence", [0, 0, 0], [1, 0, 0], np.inf, 0.002), "cannot be inf m high"),
         (lambda: open_box("tray", SE3.identity(), (0.1, np.nan), 0.02, 0.002), "inside of box 'tray' must be finite"),
         (lambda: open_box("tray", SE3.identity(), (0.1, -0.1), 0.02, 0.002), "give two lengths above 0"),
-        (lambda: rest_to_rest(np.zeros(6), np.zeros(5), PAPER), r"the end of a move must have shape \(6,\)"),
-        (lambda: straight(PSM, FOUR[0], "up", PAPER), "displacement of a straight move must be numbers"),
         (
             lambda: limit_use(PSM, HOLD, MotionLimits(np.ones(5), np.ones(5))),
             "6 joints, its trajectory 6 and the limits 5",
@@ -128,14 +116,6 @@ def test_parts_of_a_motion_are_checked(make, words):
     with pytest.raises(TrocarError, match=words) as refused:
         make()
     assert "\n" not in str(refused.value)
-
-
-def test_ranges_may_be_left_as_far_as_is_said():
-    wide = FOUR.copy()
-    wide[0, 2] = PSM.upper[2] + 0.003  # of .24
-    with pytest.raises(TrocarError, match="is outside"):
-        MotionProblem({"psm1": replace(ONE, waypoints=wide)}, range_slack=0.01)
-    MotionProblem({"psm1": replace(ONE, waypoints=wide)}, range_slack=0.02)
 
 
 def test_goals_become_the_waypoints_nearest_to_those_before():
@@ -184,11 +164,11 @@ def test_obstacles_are_capsules():
 @pytest.mark.parametrize("away_m", [0.0, 0.5, 2.0])
 def test_the_ball_of_a_half_space_is_as_good_as_its_plane(away_m):
     normal = np.array([0.6, 0.0, 0.8])
-    ball = HalfSpace([0.1, 0.2, 0.3], 5 * normal).as_capsule()
+    ball = stacked({"table": HalfSpace([0.1, 0.2, 0.3], 5 * normal)})
     aside = away_m * np.array([0.8, 0.0, -0.6])
     for height_m in (-0.01, 0.0, 0.1):
         point = np.array([0.1, 0.2, 0.3]) + aside + height_m * normal
-        distance_m = np.linalg.norm(point - ball.start_m) - ball.radius_m
+        distance_m = np.linalg.norm(point - ball.ends_m[0, 0]) - ball.radii_m[0]
         assert height_m - 1.1e-6 < distance_m <= height_m
 
 
@@ -212,10 +192,74 @@ def test_what_is_not_said_of_a_problem():
     assert repr(around).endswith("; 2 mm from ball>")
 
 
-def test_an_obstacle_may_be_as_thin_as_nothing():
-    assert Capsule([0, 0, 0], [1, 0, 0]).radius_m == 0.0
-    ball = Capsule([1, 2, 3], radius_m=0.5)
-    np.testing.assert_array_equal(ball.end_m, [1, 2, 3])
-    for radius_m in (np.inf, np.nan, -1e-9):
-        with pytest.raises(TrocarError, match="give a finite radius of at least 0"):
-            Capsule([0, 0, 0], radius_m=radius_m)
+ONE = ArmMotion(PSM, FOUR, PAPER)
+
+
+def test_what_is_not_said():
+    assert ONE.straight == (False, False, False) and not ONE.fixed_wrist and not ONE.moves
+    np.testing.assert_array_equal(ONE.up, [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(ONE.start_velocity, np.zeros(6))
+    np.testing.assert_array_equal(ONE.T_world_base.matrix, np.eye(4))
+    assert ONE.jaw_rad == 0.0 and ONE.max_tip_m_s == np.inf and ONE.facing is None
+    np.testing.assert_allclose(replace(ONE, up=[0.0, 3.0, 4.0]).up, [0.0, 0.6, 0.8])
+    assert repr(ONE) == "<ArmMotion of psm-classic through 4 waypoints>"
+
+
+def test_waypoints_and_goals_count_together():
+    goals = fk(PSM, FOUR[2:])
+    both = ArmMotion(PSM, FOUR[:2], PAPER, T_base_goals=goals)
+    assert len(both.straight) == 3 and repr(both).endswith("through 2 waypoints and 2 goals>")
+    assert len(ArmMotion(PSM, FOUR[:1], PAPER, T_base_goals=goals[:1]).straight) == 1
+    np.testing.assert_allclose(both.resolved().waypoints, FOUR, atol=1e-9)
+    assert ONE.resolved() is ONE
+    for points, words in ((FOUR[:0], "got \\(0, 6\\) and 2 goals"), (FOUR[0], "got \\(6,\\) and 2 goals")):
+        with pytest.raises(TrocarError, match=words):
+            ArmMotion(PSM, points, PAPER, T_base_goals=goals)
+    with pytest.raises(TrocarError, match="4 waypoints have 3 pieces between them, but 4 times"):
+        ArmMotion(PSM, FOUR[:2], PAPER, T_base_goals=goals, straight=(True,) * 4)
+
+
+@pytest.mark.parametrize(("off", "apart"), [(0.9e-9, False), (1.1e-9, True)])
+def test_waypoints_differ_in_some_joint(off, apart):
+    points = FOUR.copy()
+    points[2] = points[1]
+    points[2, 4] += off
+    if apart:
+        assert len(ArmMotion(PSM, points, PAPER).waypoints) == 4
+    else:
+        with pytest.raises(TrocarError, match="waypoints 1 and 2 coincide"):
+            ArmMotion(PSM, points, PAPER)
+        with pytest.raises(TrocarError, match="waypoints 1 and 2 coincide"):  # only the first piece may come back
+            ArmMotion(PSM, points, PAPER, start_velocity=np.full(6, 0.01))
+
+
+@pytest.mark.parametrize("joint", [0, 4])
+def test_a_start_is_as_fast_as_the_limit_and_no_faster(joint):
+    for sign in (1.0, -1.0):
+        start = np.zeros(6)
+        start[joint] = sign * PAPER.velocity[joint] * (1 + 0.5e-9)
+        assert ArmMotion(PSM, FOUR, PAPER, start_velocity=start).moves
+        start[joint] *= 1 + 1e-8
+        with pytest.raises(TrocarError, match=f"joint '{PSM.joints[joint].name}' starts with"):
+            ArmMotion(PSM, FOUR, PAPER, start_velocity=start)
+
+
+@pytest.mark.parametrize("joint", [2, 5])
+def test_waypoints_lie_within_the_ranges_and_their_slack(joint):
+    extent = PSM.upper[joint] - PSM.lower[joint]
+    for bound, sign in ((PSM.upper[joint], 1.0), (PSM.lower[joint], -1.0)):
+        points = FOUR.copy()
+        points[1, joint] = bound + sign * 0.01 * extent
+        arm = ArmMotion(PSM, points, PAPER)
+        arm.require_ranges(0.01 + 1e-9)
+        with pytest.raises(TrocarError, match=f"waypoint 1, joint '{PSM.joints[joint].name}'"):
+            arm.require_ranges(0.01 - 1e-6)
+
+
+def test_a_tip_may_be_as_slow_as_you_like_but_must_move():
+    assert replace(ONE, max_tip_m_s=1e-6).max_tip_m_s == 1e-6
+    for speed in (0.0, -1.0, np.nan):
+        with pytest.raises(TrocarError, match="give a speed above 0"):
+            replace(ONE, max_tip_m_s=speed)
+    with pytest.raises(TrocarError, match="give a finite number"):
+        replace(ONE, jaw_rad=np.inf)

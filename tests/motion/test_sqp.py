@@ -13,13 +13,14 @@ from trocar.motion import (
     TimedPath,
     duration_bound_s,
     limit_use,
-    line_deviation,
     plan_motion,
     plan_through,
     vertical_deviation_m,
 )
-from trocar.motion.spline_program import FREE, JointSpline, Rows
-from trocar.motion.sqp import _Refinement
+from trocar.motion.check import line_deviation
+from trocar.motion.curve import Curve
+from trocar.motion.qp import Program
+from trocar.motion.sqp import HeldSpline, _Refinement
 from trocar.trajectory import Trajectory
 from waypoints import FOUR, PAPER, PSM
 
@@ -98,48 +99,51 @@ def test_the_middle_of_a_recorded_kind_does_not_sag():
     assert z.min() > min(z[0], z[-1]) - 1e-5
 
 
-@pytest.mark.parametrize("degree", [2, 3])
-def test_rows_of_a_spline_say_what_its_trajectory_does(degree):
+SHARES = np.array([0.0, 0.1, 0.35, 0.6, 0.8, 1.0])
+AT = np.array([0.0, 0.05, 0.1, 0.4, 0.6, 0.99, 1.0])
+
+
+def held_spline(first=2, last=1):
+    """A spline of two joints whose first and last control points are held, and the curve of its control points."""
     rng = np.random.default_rng(0)
-    shares = np.concatenate([[0], np.sort(rng.uniform(0.1, 0.9, 6)), [1]])
-    first, last = rng.normal(size=(2, 2, 3))
-    spline = JointSpline(shares, degree, first, last)
-    x = rng.normal(size=3 * spline.free)
-    control = spline.control(x)
-    at = rng.uniform(0, 1, 9)
-    for order in range(degree):
-        told = BSpline(np.pad(shares, degree, mode="edge"), control, degree)(at, nu=order)
-        block = spline.each_joint(spline.basis(at, order), np.array([1.0, 2.0, 4.0]))
-        np.testing.assert_allclose(
-            (block.matrix(len(x)) @ x + block.rest).reshape(3, -1).T, told / [1, 2, 4], rtol=1e-9, atol=1e-9
-        )
-        motion = spline.trajectory(control, 2.0)
-        np.testing.assert_allclose(motion(2 * at, order), told / 2.0**order, rtol=1e-9, atol=1e-9)
-    gradient = rng.normal(size=(9, 3))
-    block = spline.rows(spline.basis(at), gradient)
-    places = BSpline(np.pad(shares, degree, mode="edge"), control, degree)(at)
-    np.testing.assert_allclose(block.matrix(len(x)) @ x + block.rest, (gradient * places).sum(axis=1), atol=1e-9)
+    spline = HeldSpline(Curve(SHARES), rng.normal(size=(first, 2)), rng.normal(size=(last, 2)))
+    return spline, lambda control: BSpline(np.pad(SHARES, 3, mode="edge"), control, 3), rng
 
 
-def test_a_programme_is_solved_whatever_the_order_of_its_entries():
-    """The least of |x - goal|^2 with x_0 + x_1 <= 1 and x_2 = 2, its Hessian's entries out of order."""
-    spline = JointSpline(np.linspace(0, 1, 6), 2, np.zeros((2, 1)), np.zeros((2, 1)))
-    rows = Rows(spline.free, 1)
-    assert rows.free == 3
-    block = spline.rows(spline.basis(np.array([0.5])), np.ones((1, 1)))
-    rows.add(block, -FREE, 1.0, weight=1.0)
-    mixing = np.array([[2.0, 1, 0, 0], [0, 1, 0, 1], [1, 0, 3, 0], [0, 0, 1, 1]])
-    hessian = mixing.T @ mixing
-    mixed = sparse.csc_matrix(hessian)
-    for column in range(4):  # the same matrix, each column's entries backwards
-        part = slice(mixed.indptr[column], mixed.indptr[column + 1])
-        mixed.indices[part], mixed.data[part] = mixed.indices[part][::-1].copy(), mixed.data[part][::-1].copy()
-    mixed.has_sorted_indices = False
-    cost = -hessian @ np.array([1.0, 2.0, 3.0, 4.0])
-    x = rows.least(mixed, cost)
-    slope = np.append(block.matrix(3).toarray()[0], 1.0)
-    price = (slope @ [1.0, 2.0, 3.0, 4.0] + block.rest[0] - 1.0) / (slope @ np.linalg.solve(hessian, slope))
-    np.testing.assert_allclose(x, [1, 2, 3, 4] - price * np.linalg.solve(hessian, slope), atol=1e-5)
+def test_free_control_points_lie_between_those_that_are_held():
+    spline, _, rng = held_spline()
+    assert spline.free == 5
+    free = rng.normal(size=2 * spline.free)
+    control, line = spline.control(free), spline.control(0 * free)
+    np.testing.assert_array_equal(control[:2], spline.first)
+    np.testing.assert_array_equal(control[-1:], spline.last)
+    np.testing.assert_allclose((control - line)[2:-1], free.reshape(2, -1).T)
+    spline, curve, _ = held_spline(first=1)  # without free parts it is the straight line
+    along = curve(spline.control(np.zeros(2 * spline.free)))(AT)
+    np.testing.assert_allclose(along, spline.first + AT[:, None] * (spline.last - spline.first), atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_rows_are_the_gradients_times_the_curve_and_the_slack(order):
+    spline, curve, rng = held_spline()
+    x, gradient = rng.normal(size=2 * spline.free + 1), rng.normal(size=(len(AT), 2))
+    gradient[1] = 0.0
+    values = curve(spline.control(x[:-1]))(AT, nu=order)
+    for slack in (0.0, -2.0):
+        matrix, rest = spline.rows(spline.curve.basis(AT, order), gradient, slack)
+        assert np.all(matrix.data != 0)
+        np.testing.assert_allclose(matrix @ x + rest, (gradient * values).sum(axis=1) + slack * x[-1], atol=1e-9)
+    matrix, rest = spline.each_joint(spline.curve.basis(AT, order), np.array([2.0, 4.0]))
+    np.testing.assert_allclose(matrix @ x + rest, (values / [2.0, 4.0]).T.ravel(), atol=1e-9)
+
+
+def test_a_motion_is_the_curve_over_so_many_seconds():
+    spline, curve, rng = held_spline()
+    control = spline.control(rng.normal(size=2 * spline.free))
+    motion = spline.trajectory(control, 2.5)
+    assert motion.duration_s == 2.5 and len(motion.coefficients) == 4
+    for order in range(3):
+        np.testing.assert_allclose(motion(2.5 * AT, order), curve(control)(AT, nu=order) / 2.5**order)
 
 
 TIMES_S = np.array([0.0, 0.5, 1.4, 2.0])
@@ -149,25 +153,30 @@ def curve_motion(limits=PAPER, **asked):
     """What is asked, the spline between the ends of its waypoints, what is free of it, and the motion that it makes."""
     problem = asking(limits=limits, **asked)
     refinement = _Refinement(problem.arms["it"], problem)
-    curve = refinement._curve(TIMES_S)
+    curve = refinement._spline(TIMES_S)
     x = 0.02 * np.random.default_rng(0).normal(size=6 * curve.free)
     return refinement, curve, x, TimedPath(curve.trajectory(curve.control(x), 2.0), TIMES_S)
 
 
-def room(rows, x, slack=0.0):
-    """What is left above the lower and below the upper bounds of rows."""
-    columns = rows.free + rows.extras
-    data, row, column = (np.concatenate([getattr(b, name) for b in rows.blocks]) for name in ("data", "row", "column"))
-    low, high = np.concatenate(rows.lows), np.concatenate(rows.highs)
-    values = sparse.csr_matrix((data, (row, column)), shape=(len(low), columns)) @ np.append(x, slack)
-    return values - low, high - values
+def bounded(bound, *asked):
+    """The program to which a function adds its constraints."""
+    program = Program("it", np.zeros((0, 0)), np.zeros(0))
+    bound(program, *asked)
+    return program
+
+
+def room(program, x, slack=0.0):
+    """What is left above the lower and below the upper bounds of a program's constraints."""
+    rows, low, high = zip(*program.constraints.values(), strict=True)
+    values = sparse.vstack(rows) @ np.append(x, slack)
+    return values - np.concatenate(low), np.concatenate(high) - values
 
 
 def test_its_spline_has_sixteen_pieces_a_piece_and_rests_at_both_ends():
     for limits, rest in ((PAPER, 2), (JERK, 3)):
         _, curve, _, path = curve_motion(limits)
-        assert len(curve.shares) == 49
-        np.testing.assert_allclose(curve.shares[::16], TIMES_S / 2.0)
+        assert len(curve.curve.knots) == 49
+        np.testing.assert_allclose(curve.curve.knots[::16], TIMES_S / 2.0)
         assert curve.free == 48 + 3 - 2 * rest
         for order in range(1, rest):
             for end in (0.0, np.nextafter(2.0, 0)):
@@ -183,10 +192,8 @@ def test_its_spline_has_sixteen_pieces_a_piece_and_rests_at_both_ends():
 def test_ranges_velocities_accelerations_and_jerks_are_bounded(slack):
     for limits in (PAPER, JERK):
         refinement, curve, x, path = curve_motion(limits, range_slack=slack)
-        rows = Rows(6 * curve.free, 1)
-        refinement._bound_joints(rows, curve, 2.0)
-        below, above = room(rows, x)
-        at, motion = 2.0 * curve.shares, path.trajectory
+        below, above = room(bounded(refinement._bound_joints, curve, 2.0), x)
+        at, motion = 2.0 * curve.curve.knots, path.trajectory
         count = 6 * 47
         q, extent = motion(at[1:-1]), PSM.upper - PSM.lower
         np.testing.assert_allclose(below[:count], ((q - PSM.lower) / extent + slack).T.ravel(), atol=1e-9)
@@ -201,10 +208,9 @@ def test_ranges_velocities_accelerations_and_jerks_are_bounded(slack):
 @pytest.mark.parametrize("piece", [0, 1, 2])
 def test_a_channel_is_as_wide_as_the_tolerance_and_can_be_left_for_a_price(piece):
     refinement, curve, x, path = curve_motion(straight_tolerance_m=2e-3, straight_tolerance_rad=0.1)
-    rows = Rows(6 * curve.free, 1)
-    refinement._bound_channel(rows, curve, path, TIMES_S, piece)
+    rows = bounded(refinement._bound_channel, curve, path, TIMES_S, piece)
     begin, end = TIMES_S[piece : piece + 2]
-    inside = 2.0 * curve.shares[(2.0 * curve.shares > begin + 1e-9) & (2.0 * curve.shares < end - 1e-9)]
+    inside = 2.0 * curve.curve.knots[(2.0 * curve.curve.knots > begin + 1e-9) & (2.0 * curve.curve.knots < end - 1e-9)]
     at = np.union1d(inside, inside - (end - begin) / 32)
     for slack in (0.0, 3.0):
         below, above = room(rows, x, slack)

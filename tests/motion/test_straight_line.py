@@ -40,7 +40,7 @@ def test_the_tip_keeps_to_the_line_within_the_limits_at_1_khz(arm, seed, share, 
     limits = arm.motion_limits
     line = line_of(begin, end, arm, limits)
     sprint = Sprint.to(line, np.array([share * line.fastest_rate]))
-    motion = sprint.trajectory(0, backwards=backwards)
+    motion = sprint.trajectory(backwards=backwards)
     assert motion.duration_s == pytest.approx(float(sprint.seconds[0]))
     first, last = (end, begin) if backwards else (begin, end)
     np.testing.assert_allclose(motion(0.0), first, atol=1e-9)
@@ -60,13 +60,6 @@ def test_a_line_to_rest_is_as_fast_as_the_move_that_follows_it_without_a_bend():
     assert 0.9 * plain.duration_s < seconds <= plain.duration_s * (1 + 1e-6)
 
 
-def test_faster_ends_take_less_time_and_none_is_beyond_the_fastest():
-    line = line_of(FOUR[0], FOUR[1])
-    sprint = Sprint.to(line, np.linspace(0, 2 * line.fastest_rate, 30))
-    assert sprint.rates.max() == pytest.approx(line.fastest_rate)
-    assert np.all(np.diff(sprint.seconds) <= 1e-12)
-
-
 def test_one_joint_alone_takes_the_bang_bang_time():
     """The insertion of an arm in its middle moves its tip straight; 2 sqrt(d / a) to rest, sqrt(2 d / a) at speed."""
     begin = np.array([0, 0, 0.15, 0, 0, 0])
@@ -79,7 +72,7 @@ def test_one_joint_alone_takes_the_bang_bang_time():
 def test_a_lower_velocity_limit_makes_it_cruise():
     slow = MotionLimits(0.2 * PAPER.velocity, PAPER.acceleration)
     sprint = Sprint.to(line_of(FOUR[0], FOUR[1], limits=slow), np.zeros(1))
-    use = limit_use(PSM, sprint.trajectory(0), slow)
+    use = limit_use(PSM, sprint.trajectory(), slow)
     assert 0.99 < use.velocity_ratio <= 1.001
 
 
@@ -202,7 +195,7 @@ def test_what_a_sprint_takes_and_how_it_passes_its_knots():
     piece_s = 2 * STEP / (np.sqrt(x[:-1]) + np.sqrt(x[1:]))
     assert sprint.seconds[0] == pytest.approx(piece_s.sum())
     for backwards in (False, True):
-        motion = sprint.trajectory(0, backwards=backwards)
+        motion = sprint.trajectory(backwards=backwards)
         along = slice(None, None, -1 if backwards else 1)
         np.testing.assert_allclose(np.diff(motion.times_s), piece_s[along])
         np.testing.assert_allclose(motion(motion.times_s), line.q[along], atol=1e-12)
@@ -242,11 +235,3 @@ def test_joints_along_a_line_its_slopes_and_bends():
     reverse = line.reversed()
     for name in ("q", "slope", "bend"):
         np.testing.assert_allclose(getattr(reverse, name), getattr(back, name), atol=1e-6)
-
-
-def test_a_small_turn_is_exact_up_to_its_third_order():
-    rng = np.random.default_rng(1)
-    turn, now = 0.05 * rng.normal(size=(5, 3)), SO3.exp(rng.normal(size=(5, 3)))
-    size = np.linalg.norm(turn, axis=1, keepdims=True)
-    found = module._small_turn((SO3.exp(turn) @ now).matrix, now.matrix)
-    np.testing.assert_allclose(found, np.sin(size) / size * turn, atol=1e-12)

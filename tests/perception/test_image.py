@@ -14,14 +14,6 @@ OTHER = Intrinsics(12, 8, 20.0, 21.0, 6.5, 4.25)
 RIG = StereoRig(LENS, OTHER, SE3.from_parts(translation_m=[0.05, 0.0, 0.0]))
 
 
-def test_the_matrix_maps_directions_to_pixels():
-    np.testing.assert_array_equal(LENS.matrix, [[10.0, 0.0, 5.5], [0.0, 11.0, 3.25], [0.0, 0.0, 1.0]])
-
-
-def test_a_lens_without_distortion_is_a_pinhole():
-    np.testing.assert_allclose(project(Intrinsics(12, 8, 10.0, 11.0, 5.5, 3.25), [0.6, -0.4, 0.5]), [17.5, -5.55])
-
-
 def test_not_a_number_is_no_focal_length():
     with pytest.raises(TrocarError, match="fx of Intrinsics holds NaN"):
         Intrinsics(12, 8, np.nan, 11.0, 5.5, 3.25)
@@ -80,12 +72,6 @@ def test_the_binning_of_a_pair_has_to_divide_every_number(numbers):
     assert StereoWindow(odd, odd, 1).binning == 1
     with pytest.raises(InvalidInput, match="binning by 0 does not divide the window"):
         StereoWindow(even, even, 0)
-
-
-def test_an_image_of_which_no_time_is_told_is_the_first_on_the_clock():
-    color, depth = np.zeros((8, 12, 3), np.uint8), np.zeros((8, 12), np.float32)
-    assert RgbdImage(color, depth, LENS).time_s == 0.0
-    assert StereoImage(color, color, RIG).time_s == 0.0
 
 
 def test_images_have_to_be_as_large_as_their_camera_says():

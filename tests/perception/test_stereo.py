@@ -51,21 +51,12 @@ def test_a_point_is_the_middle_of_the_shortest_line_between_its_rays():
         assert miss[k] == pytest.approx(np.linalg.norm(near - far), abs=1e-12)
 
 
-def test_windows_find_the_same_points():
-    window = StereoWindow(Window((100, 60), (400, 300)), Window((20, 60), (400, 300)))
-    left, right = seen(PLAIN, points())
-    found, _ = triangulate(window.of(PLAIN), left - [100, 60], right - [20, 60])
-    assert np.abs(found - points()).max() < 1e-9
-    assert is_rectified(window.of(PLAIN))
-
-
 def test_binned_windows_find_the_same_points():
     window = StereoWindow(Window((100, 60), (400, 300)), Window((20, 60), (400, 300)), binning=2)
     left, right = seen(PLAIN, points())
     found, _ = triangulate(window.of(PLAIN), (left - [100.5, 60.5]) / 2, (right - [20.5, 60.5]) / 2)
     assert np.abs(found - points()).max() < 1e-9
-    with pytest.raises(TrocarError, match="binning by 3 does not divide the window"):
-        StereoWindow(Window((100, 60), (400, 300)), Window((20, 60), (400, 300)), binning=3)
+    assert is_rectified(window.of(PLAIN))
 
 
 def through(T_left_right, p):
@@ -89,11 +80,6 @@ def test_rays_that_meet_behind_one_of_the_eyes_give_no_point(ahead_m):
         before_both = min(p[2], p[2] - ahead_m) > 0.0
         assert np.isfinite(miss) == before_both
         np.testing.assert_allclose(found, p if before_both else np.full(3, np.nan), atol=1e-12)
-
-
-def test_an_eye_in_the_others_view_is_no_point():
-    ahead = StereoRig(LENS, LENS, SE3.from_parts(translation_m=[0.0, 0.0, 0.5]))
-    assert np.isnan(triangulate(ahead, [319.5, 239.5], [400.0, 239.5])[0]).all()
 
 
 def test_parallel_rays_give_no_point():
@@ -224,7 +210,7 @@ def test_the_middle_of_each_picture_stays_its_middle():
     assert flat.left.shape == (52, 64, 3) and flat.right.shape == (52, 60, 3)
 
 
-@pytest.mark.parametrize(("sine", "refused"), [(0.04, True), (0.07, False)])
+@pytest.mark.parametrize(("sine", "refused"), [(0.0, True), (0.04, True), (0.07, False)])
 def test_eyes_almost_behind_each_other_are_refused(sine, refused):
     rig = StereoRig(TINY, TINY, SE3.from_parts(translation_m=[0.05 * sine, 0.0, 0.05 * np.sqrt(1 - sine**2)]))
     if refused:
@@ -232,14 +218,3 @@ def test_eyes_almost_behind_each_other_are_refused(sine, refused):
             rectify(black(rig))
     else:
         assert is_rectified(rectify(black(rig))[0].rig)
-
-
-def test_what_is_no_pair_is_refused():
-    picture = np.zeros((480, 640, 3), dtype=np.uint8)
-    with pytest.raises(TrocarError, match="side by side"):
-        rectify(StereoImage(picture, picture, StereoRig(LENS, LENS, SE3.identity())))
-    ahead = StereoRig(LENS, LENS, SE3.from_parts(translation_m=[0.0, 0.0, 0.05]))
-    with pytest.raises(TrocarError, match="side by side"):
-        rectify(StereoImage(picture, picture, ahead))
-    with pytest.raises(TrocarError, match="leaves the image"):
-        StereoWindow(Window((600, 0), (100, 100)), Window((0, 0), (100, 100))).of(PLAIN)

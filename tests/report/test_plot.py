@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from synthetic import synthetic_trial
 from trocar.arms import MOTION_LIMITS, PSM_CLASSIC
 from trocar.calibration.evaluation import Evaluation
 from trocar.calibration.recording import Recording
@@ -68,25 +67,12 @@ def test_a_recording_is_drawn_with_and_without_a_model():
         plot(nothing)
 
 
-def test_a_trial_is_drawn_as_its_time_chart_that_grows_with_its_rows():
-    trial = synthetic_trial()
-    picture = plot(trial, title="One trial")
-    assert picture.axes[0].get_title(loc="left") == "One trial"
-    labels = [label.get_text() for label in picture.axes[0].get_yticklabels()]
-    assert "transfer 12" in labels
-    assert picture.get_figheight() > 0.24 * len(labels)
-
-
 def test_dexterity_is_drawn_with_a_plan_or_without_one():
     map = dexterity(PRESETS["default"].setup)
     sutures = plan_even(map, 4)
     texts = [
         {text.get_text().strip() for text in plot(thing, **more).findobj(lambda a: hasattr(a, "get_text"))}
-        for thing, more in (
-            (map, {}),
-            (map, {"plan": sutures}),
-            (sutures, {"map": map, "title": "Mine"}),
-        )
+        for thing, more in ((map, {}), (map, {"plan": sutures}), (sutures, {"map": map, "title": "Mine"}))
     ]
     worst = f"{np.degrees(sutures.positions_rad[0]):.4g}°"
     assert not any(worst in text for text in texts[0])

@@ -3,15 +3,17 @@
 import json
 from dataclasses import asdict
 
+import numpy as np
 import pytest
-from PIL import Image
+from numpy.testing import assert_allclose
 
 from synthetic import unmarked
 from trocar.errors import TrocarError
 from trocar.eval.study import read_study, row_file
 from trocar.eval.trial import trial_file
 from trocar.lab.flaws import FLAWS, Difficulty
-from trocar.report.sweep import KIND, Row, Sweep, conditions_of, figures_of, tables_of, write_sweep
+from trocar.report import style
+from trocar.report.sweep import KIND, Row, Sweep, conditions_of, draw_curves, figures_of, tables_of, write_sweep
 
 PEG = 'task = "peg-transfer"\n'
 
@@ -84,7 +86,7 @@ def test_what_cannot_be_read_is_said(tmp_path, text, what):
         read(tmp_path, text).points(tmp_path)
 
 
-def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path):
+def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path, monkeypatch):
     """Three sessions of two seeds at three sizes; the largest costs half of the goals, and a trial is missing there."""
     text = PEG + 'methods = ["uncalibrated"]\nseeds = [0, 1]\nsessions = 3\n[flaws]\nouter = [0, 1, 4]\n'
     points = read(tmp_path, text).points(tmp_path)
@@ -114,10 +116,19 @@ def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path):
     (table,) = tables_of([none, recorded, large])
     assert [row[2] for row in table.rows] == ["24 of 24", "24 of 24", "8 of 16"]
     assert table.rows[1][1].endswith("(recorded)") and not table.rows[2][1].endswith("(recorded)")
+    pictures = []
+    monkeypatch.setattr(style, "write_figure", lambda path, drawn, **how: pictures.append(drawn) or drawn.savefig(path))
     summary, files = write_sweep(tmp_path, "peg-transfer", [none, recorded, large], missing)
+    success, collisions = pictures[0].axes
+    curve, mark = success.lines
+    sizes = [one["size"] for one in (none, recorded, large)]
+    assert_allclose(curve.get_xydata(), np.column_stack([sizes, [100.0, 100.0, 50.0]]))
+    draw_curves([large], tmp_path / "large.png")
+    assert_allclose([mark.get_xdata(), pictures[1].axes[0].lines[1].get_xdata()], recorded["size"], rtol=1e-5)
+    assert_allclose([bar[:, 1] for bar in success.collections[0].get_segments()][2], [100 * low, 100 * high])
+    assert_allclose(collisions.lines[0].get_ydata(), [0.0, 1.0, 4.0])
     assert unmarked(files[0]) == summary and missing[0] in summary["notes"]
-    with Image.open(files[1]) as picture:
-        assert min(picture.size) > 400
+    assert files[1].name == "sweep.png" and files[1].stat().st_size > 5000
 
 
 @pytest.mark.slow

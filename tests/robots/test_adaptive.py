@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import trio
 from numpy.testing import assert_allclose
 
 from cable_arms import GOALS, CableArms, to
-from driven import ARM, HOME, PAPER
+from driven import ARM, HOME, PAPER, running
+from trocar.arms import PSM_CLASSIC, frames
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.fleet import expected, load_prior
 from trocar.calibration.models.base import MIN_ROWS
@@ -18,7 +18,7 @@ from trocar.cell import SetPoint
 from trocar.errors import ArmMoving
 from trocar.perception.instrument import Sighting
 from trocar.robots import Adaptive, ArmGuard, Guarded
-from trocar.robots.adaptive import THINNED, _Past, _thinned
+from trocar.robots.adaptive import THINNED, Observation, _Past, _thinned, combine
 from trocar.trajectory import Trajectory
 
 PRIOR = load_prior("fleet").without("psm1_grey")
@@ -30,7 +30,7 @@ def adaptive():
     arms = CableArms(("a",))
     model = expected(PRIOR, PSM1_BOX)
     guarded = Guarded(arms.driver, {"a": ArmGuard(ARM, PAPER)})
-    arms.robot = Adaptive(guarded, {"a": ARM}, {"a": model}, {"a": PRIOR}, {"a": PAPER}, arms, arms.log)
+    arms.robot = Adaptive(guarded, {"a": ARM}, {"a": model}, {"a": PAPER}, arms, arms.log, priors={"a": PRIOR})
     return arms
 
 
@@ -132,8 +132,7 @@ def test_all_that_was_sent_is_kept_once_as_far_as_it_was_sent():
     arms = adaptive()
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
+        async with running(arms.robot.move, to(arms, GOALS[0])):
             await arms.sleep(0.2)
             row, q = arms.robot.moment("a")
             sent = arms.driver.setpoint("a").q
@@ -158,6 +157,23 @@ def test_all_that_was_sent_is_kept_once_as_far_as_it_was_sent():
     assert (steps > 1e-9).all(), "no command is kept twice"
 
 
+def test_what_was_sent_is_kept_though_nobody_asked_until_the_next_motion_had_begun():
+    """There and back: without the place where it turned round, the cables' slack would be on the other side."""
+    arms = adaptive()
+
+    async def script():
+        turned = []
+        for goal in GOALS[:2]:
+            await arms.robot.move(to(arms, goal))
+            turned.append(arms.driver.setpoint("a").q)
+        arms.robot.moment("a")
+        return turned
+
+    turned = arms.run(script)
+    kept = np.concatenate(arms.robot._pasts["a"].commands)
+    assert all(np.abs(kept - place).max(axis=1).min() < 1e-9 for place in turned)
+
+
 def test_what_was_prepared_with_other_cables_is_dropped_and_of_other_arms_stays(expert):
     arms, _ = expert
     motion = to(arms, GOALS[0])
@@ -174,8 +190,7 @@ def test_what_was_sent_is_remembered_whatever_happens_to_a_motion(expert):
     arms, known = expert
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
+        async with running(arms.robot.move, to(arms, GOALS[0])):
             await arms.sleep(0.15)
             arms.robot.moment("a")
             await arms.sleep(0.1)
@@ -194,8 +209,7 @@ def test_an_arm_that_moves_keeps_its_cables(expert):
     arms, known = expert
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to(arms, GOALS[0]))
+        async with running(arms.robot.move, to(arms, GOALS[0])):
             await arms.sleep(0.1)
             with pytest.raises(ArmMoving, match="cable model"):
                 arms.robot.adopt("a", known)
@@ -273,3 +287,84 @@ def test_so_many_looks_as_a_fit_needs_and_no_fewer_teach(expert):
 def test_cables_that_were_learned_are_followed_from_the_last_command(expert):
     arms, _ = expert
     assert_allclose(arms.robot._rested["a"].q_cmd, arms.driver.setpoint("a").q, atol=1e-12)
+
+
+# What images of the wrist say together: the shift of the instrument is common to all.
+
+SHIFT_M = np.array([0.6e-3, -0.3e-3, 0.2e-3])
+START = np.array([0.8, 0.0, 0.18, 0.0, 0.0, -0.5])
+
+
+def observations_of(wrists, rng, left_m=0.2e-3):
+    """Return observations at wrists (n, 3) by images each of which leaves one turn and the shift in doubt together."""
+    observations = []
+    for row, wrist in enumerate(wrists):
+        slopes = rng.normal(size=(12, 6)) * np.repeat([1.0, 100.0], 3) / 0.02
+        slopes[:, 0] = slopes[:, 3 + row % 3] * 8e-3  # in one image this turn observations like that shift
+        information = slopes.T @ slopes
+        truth = np.append(wrist, SHIFT_M)
+        expected = np.append(wrist + rng.normal(0.0, 0.05, 3), rng.normal(0.0, 0.3e-3, 3))
+        q = np.append(START[:3], expected[:3])
+        pull = information @ (truth - expected)
+        observations.append(Observation(row, Sighting(q, expected[3:], information, pull, 500, left_m)))
+    return observations
+
+
+@pytest.fixture
+def wrists():
+    return np.random.default_rng(0).uniform([-1.0, -0.7, -0.9], [1.0, 0.7, -0.2], (20, 3))
+
+
+def test_a_common_shift_is_found_and_the_wrists_with_it(wrists):
+    q_cmd = np.tile(START, (len(wrists), 1))
+    seen = combine(PSM_CLASSIC, "observations", q_cmd, observations_of(wrists, np.random.default_rng(1)))
+    assert_allclose(seen.shift_m, SHIFT_M, atol=0.03e-3)
+    assert_allclose(seen.recording.q_phy[:, 3:], wrists, atol=0.01)
+    assert seen.recording.valid.all() and (seen.sd_rad < 0.5).all()
+
+
+def test_the_outer_joints_take_the_instrument_to_where_it_is_seen(wrists):
+    q_cmd = np.tile(START, (len(wrists), 1))
+    seen = combine(PSM_CLASSIC, "observations", q_cmd, observations_of(wrists, np.random.default_rng(1)))
+    for q in seen.recording.q_phy:
+        asked = np.append(START[:3], q[3:])
+        moved = frames(PSM_CLASSIC, q)[6].translation_m - frames(PSM_CLASSIC, asked)[6].translation_m
+        assert_allclose(moved, seen.shift_m, atol=0.03e-3)
+
+
+def test_images_of_something_else_do_not_count(wrists):
+    rng, q_cmd = np.random.default_rng(1), np.tile(START, (len(wrists), 1))
+    good = observations_of(wrists[:15], rng)
+    foreign = [
+        Observation(15 + observation.row, observation.sighting)
+        for observation in observations_of(wrists[15:] + 0.4, rng, left_m=1e-3)
+    ]
+    seen = combine(PSM_CLASSIC, "observations", q_cmd, [*good, *foreign])
+    assert seen.recording.valid.tolist() == [True] * 15 + [False] * 5
+
+
+def test_without_looks_nothing_is_said(wrists):
+    seen = combine(PSM_CLASSIC, "observations", np.tile(START, (len(wrists), 1)), [])
+    assert not seen.shift_m.any() and not seen.recording.valid.any()
+
+
+def test_what_one_image_tells_of_the_shift_is_weighed_against_how_instruments_usually_lie():
+    """As sure as that, it is believed by half; twice by two thirds. A wrist it tells nothing of stays."""
+    sure = np.diag([0, 0, 0, *[1 / 0.5e-3**2] * 3])
+    q_cmd = np.tile(START, (3, 1))
+    observation = Observation(1, Sighting(START, SHIFT_M, sure, np.zeros(6), 500, 0.59e-3))
+    once = combine(PSM_CLASSIC, "once", q_cmd, [observation])
+    assert_allclose(once.shift_m, SHIFT_M / 2)
+    assert_allclose(combine(PSM_CLASSIC, "twice", q_cmd, [observation, observation]).shift_m, SHIFT_M * 2 / 3)
+    assert_allclose(once.recording.q_phy[1, 3:], START[3:])
+    assert_allclose(once.sd_rad, 1.0)  # a radian where nothing is known
+    assert once.recording.valid.tolist() == [False, True, False]
+    assert_allclose(once.recording.t_s, [0, 1, 2])
+
+
+def test_a_sure_image_gives_the_wrist_and_its_uncertainty():
+    pull, information = np.array([3.0, -4.0, 5.0, 0, 0, 0]), np.diag([99.0, 399.0, 24.0, 1e12, 1e12, 1e12])
+    observation = Observation(0, Sighting(START, np.zeros(3), information, pull, 500, 0.1e-3))
+    seen = combine(PSM_CLASSIC, "sure", np.tile(START, (2, 1)), [observation])
+    assert_allclose(seen.recording.q_phy[0, 3:] - START[3:], [0.03, -0.01, 0.2])
+    assert_allclose(seen.sd_rad, [[0.1, 0.05, 0.2], [1, 1, 1]])

@@ -8,7 +8,7 @@ import pytest
 import trio
 
 from cable_arms import GOALS, PLANT, CableArms, to
-from driven import ARM, HOME, PAPER, SERVO_S
+from driven import ARM, HOME, PAPER, SERVO_S, running
 from trocar.calibration.excitation import random_smooth_path
 from trocar.calibration.models import MODELS
 from trocar.calibration.recording import Recording
@@ -105,8 +105,7 @@ def test_while_a_motion_runs_it_tells_where_the_joints_are(models):
     off = []
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, to(arms, GOALS[1]))
+        async with running(arms.robot.move, to(arms, GOALS[1])):
             await trio.sleep(0.2)
             while arms.robot.setpoint("a").moving:
                 at = arms.robot.setpoint("a")
@@ -134,7 +133,6 @@ def test_commands_stay_in_range_where_the_joints_go_to_their_ends(models):
 def test_after_a_stop_the_memory_goes_on_from_where_the_arm_stopped(models, after_s, how):
     """Not from the motion's end, and not from nothing: the next motion arrives as if nobody had stopped the first."""
     arms = calibrated(models["play"])
-    ends = []
 
     async def script():
         await arms.robot.move(to(arms, GOALS[0]))
@@ -142,14 +140,10 @@ def test_after_a_stop_the_memory_goes_on_from_where_the_arm_stopped(models, afte
             with trio.move_on_after(after_s):
                 await arms.robot.move(to(arms, GOALS[1]))
         else:
-            async with trio.open_nursery() as nursery:
-
-                async def move():
-                    ends.append((await arms.robot.move(to(arms, GOALS[1])))["a"].ended)
-
-                nursery.start_soon(move)
+            async with running(arms.robot.move, to(arms, GOALS[1])) as ends:
                 await trio.sleep(after_s)
                 arms.robot.hold("a")
+            assert ends[0]["a"].ended is MotionEnd.HELD
         await arms.robot.rest()
         believed, true = arms.robot.setpoint("a").q, arms.joints["a"][-1]
         assert np.abs(believed - GOALS[1]).max() > 0.05, "it stopped on its way"
@@ -157,7 +151,6 @@ def test_after_a_stop_the_memory_goes_on_from_where_the_arm_stopped(models, afte
         await arms.robot.move(to(arms, GOALS[2]))
 
     arms.run(script)
-    assert ends == ([MotionEnd.HELD] if how == "held" else [])
     assert np.abs(arms.joints["a"][-1] - GOALS[2])[3:].max() < 5e-3
     assert max(arms.use("a")) <= EXACT
 
@@ -166,17 +159,12 @@ def test_a_motion_that_is_held_while_its_commands_are_being_found_does_not_start
     arms = calibrated(models["play"])
 
     async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def move():
-                execution = (await arms.robot.move(to(arms, GOALS[0])))["a"]
-                assert (execution.ended, execution.reason) == (MotionEnd.HELD, "somebody leant in")
-                assert execution.times_s.shape == (0,)
-                assert execution.commanded.shape == execution.measured.shape == (0, 7)
-
-            nursery.start_soon(move)
+        async with running(arms.robot.move, to(arms, GOALS[0])) as ends:
             await trio.sleep(0.02)
             arms.robot.hold(reason="somebody leant in")
+        held = ends[0]["a"]
+        assert (held.ended, held.reason, len(held.times_s)) == (MotionEnd.HELD, "somebody leant in", 0)
+        assert held.commanded.shape == held.measured.shape == (0, 7)
         assert np.abs(np.array(arms.sent["a"]) - HOME).max() == 0.0
         await arms.robot.move(to(arms, GOALS[0]))
 
@@ -186,23 +174,17 @@ def test_a_motion_that_is_held_while_its_commands_are_being_found_does_not_start
 
 def test_a_motion_is_replaced_while_it_runs_without_a_leap_and_the_new_one_arrives(models):
     arms = calibrated(models["play"])
-    ends = {}
 
     async def script():
         await arms.robot.move(to(arms, GOALS[0]))
-        async with trio.open_nursery() as nursery:
-
-            async def first():
-                ends["first"] = (await arms.robot.move(to(arms, GOALS[1])))["a"].ended
-
-            nursery.start_soon(first)
+        async with running(arms.robot.move, to(arms, GOALS[1])) as ends:
             await trio.sleep(0.22)
             at = arms.robot.setpoint("a")
             assert np.abs(at.velocity).max() > 0.1
-            ends["second"] = (await arms.robot.replace({"a": move_to(at.q, at.velocity, GOALS[2], PAPER)}))["a"].ended
+            ends.append(await arms.robot.replace({"a": move_to(at.q, at.velocity, GOALS[2], PAPER)}))
+        return [end["a"].ended for end in ends]
 
-    arms.run(script)
-    assert ends == {"first": MotionEnd.REPLACED, "second": MotionEnd.DONE}
+    assert arms.run(script) == [MotionEnd.REPLACED, MotionEnd.DONE]
     assert np.abs(arms.joints["a"][-1] - GOALS[2])[3:].max() < 5e-3
     assert max(arms.use("a")) <= EXACT
 
@@ -226,24 +208,6 @@ def test_goals_can_be_streamed_and_the_memory_does_not_drift(models):
     arms.run(script)
     assert np.abs(arms.joints["a"][-1] - GOALS[3])[3:].max() < 5e-3
     assert max(arms.use("a")) <= EXACT
-
-
-def test_two_arms_of_one_motion_keep_one_time_scale(models):
-    arms = calibrated(models["play"], names=("a", "b"))
-    short = {"a": np.array([0.85, 0.0, 0.18, -0.28, -0.1, -0.2]), "b": GOALS[1]}
-
-    async def script():
-        return await arms.robot.move(to(arms, short["a"], "a") | to(arms, short["b"], "b"))
-
-    executions = arms.run(script)
-    asked = {name: rest_to_rest(calibrated_home(models), short[name], PAPER).duration_s for name in "ab"}
-    took = {name: len(executions[name].times_s) * 0.01 for name in "ab"}
-    assert took["a"] / asked["a"] == pytest.approx(took["b"] / asked["b"], rel=0.25)
-    assert executions["a"].times_s[0] == executions["b"].times_s[0]
-
-
-def calibrated_home(models):
-    return calibrated(models["play"]).robot.setpoint("a").q
 
 
 def test_commands_that_were_prepared_are_sent_at_once_and_are_the_same(models):
@@ -274,8 +238,7 @@ def test_commands_may_be_prepared_while_the_motion_before_them_runs(models):
 
         async def script(arms=arms, first=first, second=second, ahead=ahead):
             arms.robot.prepare(first)
-            async with trio.open_nursery() as nursery:
-                nursery.start_soon(arms.robot.move, first)
+            async with running(arms.robot.move, first):
                 await trio.sleep(first["a"].duration_s / 2)
                 if ahead:
                     arms.robot.prepare(second)
@@ -288,32 +251,24 @@ def test_commands_may_be_prepared_while_the_motion_before_them_runs(models):
     assert np.abs(sent[True][-30:] - sent[False][-30:]).max() < 1e-9
 
 
-def test_what_was_prepared_for_the_end_of_a_motion_is_not_sent_where_that_was_stopped(models):
+@pytest.mark.parametrize("stopped", [True, False])
+def test_what_was_prepared_for_another_place_is_not_sent(models, stopped):
+    """For the end of a motion that was stopped on its way; for where the arm was before another motion."""
     arms = calibrated(models["play"])
 
     async def script():
-        first = to(arms, GOALS[0])
-        second = {"a": rest_to_rest(first["a"](first["a"].times_s[-1]), GOALS[1], PAPER)}
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, first)
-            await trio.sleep(first["a"].duration_s / 2)
+        first, second = to(arms, GOALS[0]), to(arms, GOALS[1])
+        if stopped:
+            second = {"a": rest_to_rest(first["a"](first["a"].times_s[-1]), GOALS[1], PAPER)}
+        else:
             arms.robot.prepare(second)
-            arms.robot.hold("a")
+        async with running(arms.robot.move, first):
+            await trio.sleep(first["a"].duration_s / 2)
+            if stopped:
+                arms.robot.prepare(second)
+                arms.robot.hold("a")
         with pytest.raises(TrocarError, match="away from its set-point"):
             await arms.robot.move(second)
-
-    arms.run(script)
-
-
-def test_what_was_prepared_elsewhere_is_not_sent(models):
-    arms = calibrated(models["play"])
-
-    async def script():
-        motion = to(arms, GOALS[1])
-        arms.robot.prepare(motion)
-        await arms.robot.move(to(arms, GOALS[0]))
-        with pytest.raises(TrocarError, match="away from its set-point"):
-            await arms.robot.move(motion)
 
     arms.run(script)
 
@@ -386,7 +341,7 @@ def test_what_was_prepared_suits_the_same_motions_from_the_same_rest_alone():
     assert prepared.suits(dict(motions), dict(starts))
 
     def with_a(**change):
-        return starts | {"a": replace(starts["a"], **change)}
+        return starts | {"a": starts["a"]._replace(**change)}
 
     one = np.eye(6)[4]
     assert prepared.suits(motions, with_a(q_cmd=HOME + 0.7e-9 * one))
@@ -445,7 +400,7 @@ def test_off_its_path_the_cables_remember_the_straight_way_from_where_it_was_lef
     asked = []
     memory = SimpleNamespace(after=lambda way, t_s: (way, t_s))
     path = SimpleNamespace(commands=motion, memory_at=lambda t_s: (asked.append(t_s), memory)[1])
-    sent = robot._robot.setpoint("a")
+    sent = robot.robot.setpoint("a")
     assert robot._memory("a", sent) is robot._rested["a"] and robot.expected("a") is None
     robot._paths["a"] = path
     for path_s in (0.3, motion.duration_s + 0.2):
@@ -463,29 +418,23 @@ def test_a_first_motion_that_is_refused_leaves_no_path_and_a_hold_of_another_arm
     arms = calibrated(models["play"], names=("a", "b"))
     beyond = HOME.copy()
     beyond[0] = ARM.upper[0] + 0.1
-    ends = []
 
     async def script():
         with pytest.raises(TrocarError):
             await arms.robot.move(to(arms, beyond))
         assert arms.robot._paths == {}
-        async with trio.open_nursery() as nursery:
-
-            async def move(name):
-                ends.append((await arms.robot.move(to(arms, GOALS[0], name)))[name])
-
-            nursery.start_soon(move, "a")
+        async with running(arms.robot.move, to(arms, GOALS[0], "a")) as ends:
             await trio.sleep(0.02)
             arms.robot.hold("b")
             await trio.sleep(0.05)
             assert arms.robot.setpoint("a").moving
             assert arms.robot.expected("a") is arms.robot._paths["a"].desired and arms.robot.expected("b") is None
-            nursery.start_soon(move, "b")
-            await trio.sleep(0.02)
-            arms.robot.hold("b")
+            async with running(arms.robot.move, to(arms, GOALS[0], "b")) as held:
+                await trio.sleep(0.02)
+                arms.robot.hold("b")
+        return ends[0]["a"], held[0]["b"]
 
-    arms.run(script)
-    held, done = ends
+    done, held = arms.run(script)
     assert (held.ended, held.reason) == (MotionEnd.HELD, MotionEnd.HELD.value) and done.done
 
 
@@ -502,25 +451,19 @@ def test_where_the_joints_are_to_be_is_told_unless_they_will_not_come_there(mode
         assert np.array_equal(robot.setpoint("a").q, estimate) == believed
         start = robot._next("a")
         assert not start.then and start.after is robot._paths["a"]
-        assert np.array_equal(robot._joints("a", replace(start, then=True))[0], estimate) == believed
+        assert np.array_equal(robot._joints("a", start._replace(then=True))[0], estimate) == believed
 
 
 def test_a_second_motion_of_one_arm_is_refused_while_the_first_is_computed_and_while_it_runs(models):
     arms = calibrated(models["play"])
-    ends = []
 
     async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def move():
-                ends.append((await arms.robot.move(to(arms, GOALS[0])))["a"])
-
-            nursery.start_soon(move)
+        async with running(arms.robot.move, to(arms, GOALS[0])) as ends:
             for since_s in (0.02, 0.2):
                 await trio.sleep(since_s)
                 assert arms.robot.setpoint("a").moving == (since_s == 0.2)
                 with pytest.raises(ArmMoving, match="'a'"):
                     await arms.robot.move(to(arms, GOALS[1]))
+        return ends[0]["a"].done
 
-    arms.run(script)
-    assert [end.done for end in ends] == [True]
+    assert arms.run(script)

@@ -14,7 +14,8 @@ from trocar.geometry.capsules import Capsules
 from trocar.log import CellLog
 from trocar.motion import rest_to_rest
 from trocar.robots.arm_script import ArmScript
-from trocar.robots.coordinator import Blocked, Coordinator, Departure, Margins
+from trocar.robots.coordinator import Blocked, Coordinator, Margins
+from trocar.robots.traffic import Departure
 from two_armed import distance_of_arms_m, named
 
 MARGINS = Margins(patience_s=1.0)

@@ -8,7 +8,7 @@ import trio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driven import ARM, HOME, PAPER, PlainArms
+from driven import ARM, HOME, PAPER, PlainArms, running
 from trocar.cell import MotionEnd
 from trocar.errors import TrocarError
 from trocar.motion import plan_through, rest_to_rest
@@ -26,10 +26,7 @@ def there():
 def test_a_motion_runs_to_its_end_and_says_so():
     arms = PlainArms()
 
-    async def script():
-        return await arms.robot.move({"a": there()})
-
-    execution = arms.run(script)["a"]
+    execution = arms.run(lambda: arms.robot.move({"a": there()}))["a"]
     assert execution.ended is MotionEnd.DONE and execution.done and execution.reason == ""
     assert np.abs(execution.commanded[-1, :6] - GOAL).max() < 1e-12
     assert np.allclose(np.diff(execution.times_s), TICK_S)
@@ -86,48 +83,19 @@ def test_a_stop_takes_no_longer_than_the_joints_need():
     assert half <= arms.run(script) <= half + 2 * alone_s + 0.15
 
 
-def test_a_failing_sibling_brings_the_other_arm_to_rest_before_the_error_goes_on():
-    arms = PlainArms(("a", "b"))
-    seen = {}
-
-    async def fails():
-        await trio.sleep(0.15)
-        raise ConnectionError("the other controller is gone")
-
-    async def script():
-        try:
-            async with trio.open_nursery() as nursery:
-                nursery.start_soon(arms.robot.move, {"a": there()})
-                nursery.start_soon(fails)
-        finally:
-            seen["moving"], seen["q"] = arms.robot.setpoint("a").moving, arms.robot.setpoint("a").q
-
-    with pytest.raises(BaseExceptionGroup) as group:
-        arms.run(script)
-    assert group.group_contains(ConnectionError)
-    assert not seen["moving"]
-    assert np.array_equal(seen["q"], arms.sent["a"][-1])
-    assert 0.01 < np.abs(seen["q"] - HOME).max() < np.abs(GOAL - HOME).max()
-
-
 def test_a_held_motion_returns_as_held_with_its_reason():
     arms = PlainArms()
-    executions = {}
 
     async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def move():
-                executions.update(await arms.robot.move({"a": there()}))
-
-            nursery.start_soon(move)
+        async with running(arms.robot.move, {"a": there()}) as ends:
             await trio.sleep(0.1)
             arms.robot.hold("a", reason="somebody is in the way")
             assert arms.robot.setpoint("a").moving, "braking takes time"
             await arms.robot.rest("a")
+        return ends[0]["a"]
 
-    arms.run(script)
-    assert executions["a"].ended is MotionEnd.HELD and executions["a"].reason == "somebody is in the way"
+    held = arms.run(script)
+    assert held.ended is MotionEnd.HELD and held.reason == "somebody is in the way"
     assert arms.use("a")[1] <= EXACT
     before_s = len(arms.sent["a"])
     arms.run(lambda: trio.sleep(0.3))
@@ -138,10 +106,7 @@ def test_two_arms_start_together_and_each_says_how_it_ended():
     arms = PlainArms(("a", "b"))
     short = rest_to_rest(HOME, HOME + 0.2 * (GOAL - HOME), PAPER)
 
-    async def script():
-        return await arms.robot.move({"a": there(), "b": short})
-
-    executions = arms.run(script)
+    executions = arms.run(lambda: arms.robot.move({"a": there(), "b": short}))
     assert executions["a"].times_s[0] == executions["b"].times_s[0]
     assert len(executions["b"].times_s) < len(executions["a"].times_s)
     assert {e.ended for e in executions.values()} == {MotionEnd.DONE}
@@ -149,24 +114,19 @@ def test_two_arms_start_together_and_each_says_how_it_ended():
 
 def test_a_motion_of_a_moving_arm_is_refused_but_may_replace():
     arms = PlainArms()
-    ends = {}
 
     async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def first():
-                ends["first"] = (await arms.robot.move({"a": there()}))["a"]
-
-            nursery.start_soon(first)
+        async with running(arms.robot.move, {"a": there()}) as ends:
             await trio.sleep(0.2)
             at = arms.robot.setpoint("a")
             with pytest.raises(TrocarError, match="already moving"):
                 await arms.robot.move({"a": rest_to_rest(at.q, HOME, PAPER)})
-            ends["second"] = (await arms.robot.replace({"a": stop_from(at)}))["a"]
+            ends.append(await arms.robot.replace({"a": stop_from(at)}))
+        return ends
 
-    arms.run(script)
-    assert ends["first"].ended is MotionEnd.REPLACED
-    assert ends["second"].ended is MotionEnd.DONE
+    first, second = arms.run(script)
+    assert first["a"].ended is MotionEnd.REPLACED
+    assert second["a"].ended is MotionEnd.DONE
     velocity, acceleration = arms.use("a")
     assert velocity <= EXACT and acceleration <= EXACT, "no leap where one motion took over from the other"
 
@@ -221,39 +181,15 @@ def test_jaws_stop_where_they_are_when_their_script_is_cancelled():
 
 def test_a_second_goal_of_the_jaws_ends_the_first():
     arms = PlainArms()
-    ends = []
 
     async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def first():
-                ends.append((await arms.robot.jaw("a", 1.2)).ended)
-
-            nursery.start_soon(first)
+        async with running(arms.robot.jaw, "a", 1.2) as ends:
             await trio.sleep(0.05)
-            ends.append((await arms.robot.jaw("a", 0.2)).ended)
+            ends.append(await arms.robot.jaw("a", 0.2))
+        return ends
 
-    arms.run(script)
-    assert sorted(e.name for e in ends) == ["DONE", "REPLACED"]
+    assert [end.ended for end in arms.run(script)] == [MotionEnd.REPLACED, MotionEnd.DONE]
     assert arms.robot.read("a").jaw_rad == pytest.approx(0.2)
-
-
-def test_when_the_loop_is_gone_nobody_waits_for_ever():
-    arms = PlainArms()
-
-    async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def move():
-                return await arms.robot.move({"a": there()})
-
-            nursery.start_soon(move)
-            await trio.sleep(0.1)
-            arms.driver.abandon("the connection is gone")
-            await arms.robot.rest()
-        return arms.robot.setpoint("a").moving
-
-    assert arms.run(script) is False
 
 
 def test_an_arm_that_is_not_there_is_named():
@@ -275,23 +211,14 @@ def test_it_knows_which_share_of_its_limits_was_sent(slower):
 
 @pytest.mark.parametrize(("goal_rad", "widest_rad"), [(0.4, 0.4), (-0.2, 0.04)])
 def test_jaws_ramp_at_their_speed_and_have_arrived_when_they_hold_still(goal_rad, widest_rad):
-    arms, seen = PlainArms(), []
+    arms = PlainArms()
 
     async def script():
         assert arms.driver.idle("a")
-        async with trio.open_nursery() as nursery:
-            ends = []
-
-            async def move():
-                ends.append((await arms.robot.jaw("a", goal_rad), arms.now_s()))
-
-            nursery.start_soon(move)
+        async with running(arms.robot.jaw, "a", goal_rad) as ends:
             await trio.sleep(0.001)
             assert arms.driver.widest_jaw_rad("a") == pytest.approx(widest_rad) and not arms.driver.idle("a")
-            for _ in range(3):
-                await trio.sleep(0.01)
-                seen.append(arms.robot.read("a").jaw_rad)
-        return ends[0]
+        return ends[0], arms.now_s()
 
     execution, now_s = arms.run(script)
     sign = np.sign(goal_rad - 0.1)
@@ -301,43 +228,35 @@ def test_jaws_ramp_at_their_speed_and_have_arrived_when_they_hold_still(goal_rad
 
 
 def test_held_jaws_stop_and_say_why_and_jaws_at_rest_are_not_asked():
-    arms, ends = PlainArms(("a", "b")), {}
+    arms = PlainArms(("a", "b"))
 
     async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def jaw():
-                ends["a"] = await arms.robot.jaw("a", 1.2)
-
-            nursery.start_soon(jaw)
+        async with running(arms.robot.jaw, "a", 1.2) as ends:
             await trio.sleep(0.05)
             arms.robot.hold(reason="a hand is between them")
             await arms.robot.rest()
+        return ends[0]
 
-    arms.run(script)
-    assert (ends["a"].ended, ends["a"].reason) == (MotionEnd.HELD, "a hand is between them")
+    held = arms.run(script)
+    assert (held.ended, held.reason) == (MotionEnd.HELD, "a hand is between them")
     assert 0.3 < arms.robot.read("a").jaw_rad < 0.5 and arms.robot.read("b").jaw_rad == 0.1
     assert arms.run(lambda: arms.robot.jaw("b", 0.2)).ended is MotionEnd.DONE
 
 
-def test_whoever_waits_for_jaws_when_the_loop_is_gone_is_told_and_so_is_whoever_comes_later():
-    arms, ends = PlainArms(), []
+def test_whoever_waits_when_the_loop_is_gone_is_told_and_so_is_whoever_comes_later():
+    arms = PlainArms()
 
     async def script():
-        async with trio.open_nursery() as nursery:
-
-            async def jaw():
-                ends.append(await arms.robot.jaw("a", 1.2))
-
-            nursery.start_soon(jaw)
+        async with running(arms.robot.jaw, "a", 1.2) as ends, running(arms.robot.move, {"a": there()}) as moved:
             await trio.sleep(0.05)
             arms.driver.abandon("the connection is gone")
-        ends.append(await arms.robot.jaw("a", 0.3))
-        ends.append((await arms.robot.move({"a": there()}))["a"])
+            await arms.robot.rest()
+        assert not arms.robot.setpoint("a").moving
+        return moved[0]["a"], *ends, await arms.robot.jaw("a", 0.3), (await arms.robot.move({"a": there()}))["a"]
 
-    arms.run(script)
-    assert [(end.ended, end.reason) for end in ends] == [(MotionEnd.FAULT, "the connection is gone")] * 3
-    for end in ends[1:]:
+    ends = arms.run(script)
+    assert [(end.ended, end.reason) for end in ends] == [(MotionEnd.FAULT, "the connection is gone")] * 4
+    for end in ends[2:]:
         assert len(end.times_s) == 0 and end.commanded.shape == end.measured.shape == (0, 7)
 
 
@@ -346,8 +265,7 @@ def test_what_is_still_played_is_told_with_its_start_and_that_it_brakes():
 
     async def script():
         assert arms.driver.remaining("a") is None and not arms.driver.braking("a")
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, {"a": motion})
+        async with running(arms.robot.move, {"a": motion}):
             await trio.sleep(0.2)
             assert arms.driver.remaining("a") == (motion, 0.0) and not arms.driver.braking("a")
             arms.driver.fault("a", reason="a test")
@@ -364,8 +282,7 @@ def test_whoever_rests_waits_for_those_arms_only():
     arms = PlainArms(("a", "b"))
 
     async def script():
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(arms.robot.move, {"a": there(), "b": there().stretched(3.0)})
+        async with running(arms.robot.move, {"a": there(), "b": there().stretched(3.0)}):
             await trio.sleep(0.05)
             await arms.robot.rest("a")
             assert not arms.robot.setpoint("a").moving and arms.robot.setpoint("b").moving

@@ -1,7 +1,5 @@
 """Grain and wet spots of surfaces, and the noise of an eye."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
@@ -37,15 +35,6 @@ def test_grain_varies_the_colour_as_much_as_it_should_and_its_hue_not():
     assert ratio.mean() == pytest.approx(1.0, abs=0.06)
     assert 0.03 < ratio.std() < 0.1
     assert np.abs(grainy[..., 0] / 6 - grainy[..., 1]).max() < 1.5
-
-
-def test_grain_moves_with_its_body():
-    still, moved = picture(), picture(shift=(0.019, 0.0))  # by 20 pixels
-    assert np.abs(still[45:75, 60:90] - moved[45:75, 80:110]).mean() < 0.05 * still[45:75, 60:90].mean()
-
-
-def test_without_a_material_a_surface_is_plain():
-    assert picture(material="")[50:70, 70:90, 0].std() < 0.3 * picture()[50:70, 70:90, 0].std()
 
 
 def test_wet_spots_are_as_white_as_the_lamp():
@@ -143,10 +132,10 @@ def test_a_smooth_film_of_water_mirrors_as_blinn_and_phong_say(monkeypatch):
     model, data = ball()
     look, dull = Appearance(model), np.full((1, 3), 0.1, np.float32)
     np.testing.assert_allclose(look.apply(data, dull, sight(model, "wet")), 0.7, rtol=1e-5)
-    beside = replace(sight(model, "wet", lamp_m=(0.0, 0.0, 1.0)), points_m=np.array([[0.3, 0.0, 0.2]]))
+    beside = sight(model, "wet", lamp_m=(0.0, 0.0, 1.0))._replace(points_m=np.array([[0.3, 0.0, 0.2]]))
     lamp = np.array([-0.3, 0.0, 0.8]) / np.hypot(0.3, 0.8)
     np.testing.assert_allclose(look.apply(data, dull, beside), 0.1 + 0.6 * (lamp @ [0, 0, 1]) ** 60, rtol=1e-4)
-    apart = replace(beside, eye_m=np.array([0.6, 0.0, 1.0]))
+    apart = beside._replace(eye_m=np.array([0.6, 0.0, 1.0]))
     eye = np.array([0.3, 0.0, 0.8]) / np.hypot(0.3, 0.8)
     half = (lamp + eye) / np.linalg.norm(lamp + eye)
     np.testing.assert_allclose(look.apply(data, dull, apart), 0.1 + 0.6 * half[2] ** 60, rtol=1e-4)
@@ -184,6 +173,6 @@ def test_grain_turns_with_its_body():
     motion = SE3.from_parts(SO3.exp([0.3, 0.5, -0.7]), [0.1, 0.2, -0.3])
     data.geom_xpos[1] = motion.apply(place)
     data.geom_xmat[1] = (motion.rotation.matrix @ turn).ravel()
-    moved = Sight(points.geom, motion.apply(points.points_m), points.normal, points.eye_m, points.lamp_m, points.lit)
+    moved = points._replace(points_m=motion.apply(points.points_m))
     np.testing.assert_allclose(Appearance(model).apply(data, grey, moved), before, atol=1e-4)
     assert np.abs(Appearance(model).apply(data, grey, points) - before).mean() > 0.02

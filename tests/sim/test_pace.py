@@ -1,5 +1,6 @@
 """A cell that runs no faster than the wall's clock, here a number; and scripts that go on in the same order."""
 
+import inspect
 from types import SimpleNamespace
 
 import pytest
@@ -61,7 +62,12 @@ def order_of_twenty():
 
 def test_scripts_that_are_due_together_go_on_in_the_same_order_every_time():
     first = order_of_twenty()
-    kept = [
-        order_of_twenty() for _ in range(6)
-    ]  # what is kept moves the next one's tasks to other places of the memory
+    kept = [order_of_twenty() for _ in range(6)]  # moves the next one's tasks to other places of the memory
     assert all(order == first for order in kept)
+
+
+def test_trio_still_has_the_private_switches_that_keep_the_order():
+    """If this fails, trio has renamed them: see ``repeat_scheduling``, and whether there is a public way by now."""
+    scheduler = inspect.getsource(trio._core._run.unrolled_run)
+    assert "if _ALLOW_DETERMINISTIC_SCHEDULING:" in scheduler and "_r.shuffle(batch)" in scheduler
+    assert "batch.sort(key=lambda t: t._counter)" in scheduler, "by the order in which tasks were started"

@@ -46,8 +46,9 @@ class Bench:
         self.ticks, self.world, self.advanced = 0, Notes(), []
         self.robot = SimRobot(self.world, self.now_s)
         train = SimpleNamespace(joints=lambda q: q + OFF, advance=self.advanced.append)
+        arm = SimpleNamespace(model=ARM, limits=PAPER, park_q=lambda: HOME, park_jaw_rad=0.1)
         for name in names:
-            self.robot.attach_train(name, ARM, PAPER, train, HOME, 0.1, jaw)
+            self.robot.attach_train(name, arm, train, jaw or JawCable())
 
     def now_s(self):
         return self.ticks * TICK_S

@@ -6,8 +6,6 @@ import trio
 
 from simulated import ARM_MODELS, PAPER, STATION, Hand, ideal_laboratory, ideal_session, joints_at, scene_of, standing
 from trocar.calibration.excitation import PSM1_BOX, random_smooth_path
-from trocar.cell import MotionEnd
-from trocar.errors import TrocarError
 from trocar.lab.session import draw_session
 from trocar.motion import rest_to_rest
 from trocar.robots import TICK_S
@@ -68,70 +66,6 @@ def test_at_rest_the_servos_add_nothing_to_the_cables_error():
     assert worst[2] < 0.1e-3
 
 
-def test_the_joints_follow_a_motion_at_the_papers_limits_closely():
-    laboratory = laboratory_of(ideal_session())
-    goals = [joints_at("psm1", p, yaw) for p, yaw in (((0.03, -0.02, 0.05), 0.8), ((-0.03, 0.02, 0.05), -0.6))]
-
-    async def script(cell):
-        del cell
-        for q in goals:
-            await Hand(laboratory).go(q)
-
-    assert laboratory.run(script, 20.0)
-    true, commanded = (laboratory.recorder.joints(kind)["psm1"][:, :6] for kind in ("true", "commanded"))
-    assert np.ptp(commanded, axis=0).max() > 0.5
-    worst = np.abs(true - commanded).max(axis=0)
-    assert worst[[0, 1]].max() < 5e-3
-    assert worst[3:].max() < 20e-3
-    assert worst[2] < 0.5e-3
-
-
-def test_hold_brings_an_arm_to_rest_on_its_path_and_wakes_its_script():
-    laboratory, seen = laboratory_of(ideal_session()), {}
-    goal = joints_at("psm1", (-0.04, 0.0, 0.06))
-
-    async def script(cell):
-        motion = rest_to_rest(cell.robot.setpoint("psm1").q, goal, PAPER)
-
-        async def move():
-            seen["execution"] = (await cell.robot.move({"psm1": motion}))["psm1"]
-            seen["woken_s"] = cell.clock.now_s()
-
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(move)
-            await trio.sleep(0.35 * motion.duration_s)  # braking from the middle on would end at the goal
-            cell.robot.hold("psm1")
-            seen["held_s"] = cell.clock.now_s()
-        seen["at"], seen["on"] = cell.robot.setpoint("psm1"), motion
-        await trio.sleep(1.0)
-        seen["later"] = cell.robot.read("psm1").q
-        seen["joints"] = laboratory.world.joints("psm1")
-
-    assert laboratory.run(script, 20.0)
-    at = seen["at"]
-    assert seen["execution"].ended is MotionEnd.HELD
-    assert at.on_path and not at.moving
-    assert np.abs(at.q - seen["on"](at.path_s)).max() < 1e-9
-    assert np.array_equal(at.q, seen["later"])
-    assert np.abs(at.q - goal).max() > 0.05
-    assert np.abs(seen["joints"] - at.q).max() < 1e-3
-    fastest = (PAPER.velocity / PAPER.acceleration).max()
-    assert 0.0 < seen["woken_s"] - seen["held_s"] < 2 * fastest + 0.1
-    assert max(laboratory.driver.limit_use("psm1")) <= 1.0 + 1e-3
-
-
-def test_the_jaw_arrives_at_its_opening_and_stalls_on_nothing():
-    laboratory, seen = laboratory_of(ideal_session()), []
-
-    async def script(cell):
-        for angle in (0.6, 0.2):
-            await cell.robot.jaw("psm1", angle)
-            seen.append(cell.robot.read("psm1").jaw_rad)
-
-    assert laboratory.run(script, 5.0)
-    assert np.allclose(seen, [0.6, 0.2], atol=0.02)
-
-
 def test_fingers_that_are_pressed_together_stop_each_other():
     """However hard the drive pulls: what their encoder says then is their zero."""
     laboratory = ideal_laboratory(standing(1))
@@ -154,42 +88,3 @@ def test_jaws_that_stall_on_a_block_read_what_they_hold():
     assert laboratory.run(script, 20.0)
     commanded, measured = (laboratory.recorder.joints(kind)["psm1"][-1, 6] for kind in ("true", "measured"))
     assert measured == pytest.approx(commanded) and 0.08 < measured < 0.35
-
-
-async def unknown_arm(cell):
-    cell.robot.read("psm9")
-
-
-async def jump(cell):
-    start = cell.robot.setpoint("psm1").q
-    await cell.robot.move({"psm1": rest_to_rest(start + 0.01, start, PAPER)})
-
-
-async def moving_already(cell):
-    start, other = (cell.robot.setpoint(arm).q for arm in ("psm1", "psm2"))
-    async with trio.open_nursery() as nursery:
-        nursery.start_soon(cell.robot.move, {"psm2": rest_to_rest(other, other + 0.05, PAPER)})
-        nursery.start_soon(cell.robot.move, {"psm1": rest_to_rest(start, start + 0.05, PAPER)})
-        await trio.sleep(0.05)
-        now = cell.robot.setpoint("psm1").q
-        await cell.robot.move({"psm1": rest_to_rest(now, now, PAPER)})
-
-
-async def jaw_too_wide(cell):
-    await cell.robot.jaw("psm1", 2.0)
-
-
-@pytest.mark.parametrize(
-    ("script", "words"),
-    [
-        (unknown_arm, "psm9.*psm1, psm2"),
-        (jump, "starts 0.0100"),
-        (moving_already, "already moving"),
-        (jaw_too_wide, "2.0 rad is outside"),
-    ],
-)
-def test_what_cannot_be_done_is_said_in_one_sentence(script, words):
-    laboratory = laboratory_of(ideal_session())
-    with pytest.raises(TrocarError, match=words) as caught:
-        laboratory.run(script, 5.0)
-    assert "\n" not in str(caught.value)

@@ -129,7 +129,7 @@ def test_its_report_can_be_made_of_a_trial_in_which_nothing_was_done(name, idle,
     trial, folder = idle[name]
     report = report_of(trial)
     assert isinstance(report, TaskReport)
-    monkeypatch.setattr(files_of_a_report, "MOST", 1)
+    monkeypatch.setattr(files_of_a_report, "MOST_FAILED", 1)
     summary, files = write_report(folder, [trial])
     assert (summary["succeeded"], summary["attempted"]) == (0, len(trial.scores))
     loaded = Trial.load(trial.save(folder / "kept.npz"))

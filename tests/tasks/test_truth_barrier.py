@@ -117,7 +117,8 @@ def dressed(chosen, task, cell: Cell, station):
     arms, prior = task.working_arms(station), load_prior("fleet")
     models = {arm: expected(prior, task.calibration(station, arm)) for arm in arms}
     limits = {name: arm.limits for name, arm in station.arms.items()}
-    return Adaptive(cell.robot, cell.arms, models, dict.fromkeys(arms, prior), limits, cell.clock, cell.log)
+    priors = dict.fromkeys(arms, prior)
+    return Adaptive(cell.robot, cell.arms, models, limits, cell.clock, cell.log, priors=priors)
 
 
 @EVERY_METHOD

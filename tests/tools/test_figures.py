@@ -169,26 +169,6 @@ def test_times_are_not_measured_on_a_busy_machine_and_long_ones_can_be_left_out(
     assert figures.main(["measure", "speed", "--busy"], repository) == 0
 
 
-def test_what_tells_of_an_earlier_version_is_left_alone(repository, capsys):
-    figures.main(["measure"], repository)
-    declared = repository / "docs/figures/all.toml"
-    declared.write_text(declared.read_text().replace("minutes = 5", "minutes = 5\nhistory = true"))
-    (repository / "code.py").write_text(CODE + "faster = True\n")
-    capsys.readouterr()
-    assert figures.main(["check"], repository) == 0
-    told = capsys.readouterr().out
-    assert "older than the code: drops" in told
-    assert "speed" not in told
-    git(repository, "commit", "-qam", "second")
-    figures.main(["measure", "--again"], repository)
-    assert (
-        json.loads((repository / "docs/figures/measured/speed.json").read_text())["commit"]
-        != git(repository, "rev-parse", "--short", "HEAD").strip()
-    )
-    assert figures.main(["measure", "speed"], repository) == 2
-    assert "speed tells of an earlier version on purpose" in capsys.readouterr().err
-
-
 def test_what_cannot_be_is_told_in_a_sentence(repository, capsys):
     assert figures.main(["measure", "love"], repository) == 2
     assert "measurement 'love' is unknown; choose of drops, speed" in capsys.readouterr().err

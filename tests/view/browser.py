@@ -13,6 +13,7 @@ import base64
 import io
 import itertools
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -31,21 +32,12 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--no-first-run",
-    "--no-default-browser-check",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-quic",
-    "--remote-debugging-port=0",
+FLAGS = shlex.split(
+    "--headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader --no-first-run "
+    "--no-default-browser-check --disable-background-networking --disable-component-update --disable-sync "
+    "--disable-quic --remote-debugging-port=0 --proxy-server=127.0.0.1:9 "
+    "'--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1'"
 )
-NO_NETWORK = ("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--proxy-server=127.0.0.1:9")
 WAIT_S = 120.0
 ATTEMPTS = 6
 THUMB = "document.querySelector('.mantine-Slider-thumb')"
@@ -84,12 +76,7 @@ class Page:
             self._note(message)
 
     def open(self, address: str, fineness: int = 1) -> None:
-        """Open a page of viser's and wait until there is a scene.
-
-        Args:
-            address: of the page.
-            fineness: so many pixels are drawn for each one of the picture's sides, however slow that is.
-        """
+        """Open a page of viser's, drawn so many times finer than its pixels, and wait until there is a scene."""
         self.call("Page.navigate", url=f"{address}?fixedDpr={fineness}")
         self.until("document.querySelector('canvas') !== null")
 
@@ -178,24 +165,19 @@ class Page:
 
 
 @contextmanager
-def browser(width: int = 1280, height: int = 800, network: bool = False) -> Iterator[Page]:
-    """Yield an empty tab of a new Chromium; without network it reaches this machine alone."""
+def browser(width: int = 1280, height: int = 800) -> Iterator[Page]:
+    """Yield an empty tab of a new Chromium, which reaches this machine alone."""
     path = find_chromium()
     if path is None:
         raise RuntimeError(f"no Chromium found under the names {', '.join(NAMES)}")
     with tempfile.TemporaryDirectory(prefix="trocar-browser-", ignore_cleanup_errors=True) as folder:
-        command = [path, *FLAGS, *(() if network else NO_NETWORK), f"--user-data-dir={folder}"]
-        process = subprocess.Popen(
-            [*command, f"--window-size={width},{height}", "about:blank"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+        command = [path, *FLAGS, f"--user-data-dir={folder}", f"--window-size={width},{height}", "about:blank"]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             with connect(_first_tab(Path(folder)), max_size=None, proxy=None) as socket:
                 page = Page(socket)
-                page.call(
-                    "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
-                )
+                size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+                page.call("Emulation.setDeviceMetricsOverride", **size)
                 yield page
         finally:
             process.terminate()

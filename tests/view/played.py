@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import re
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import msgspec.msgpack
@@ -13,9 +12,6 @@ import numpy as np
 import viser
 import zstandard
 from numpy.typing import NDArray
-
-BASE88 = "".join(chr(code) for code in range(0x21, 0x7F) if chr(code) not in "\"&<>'`")
-"""viser/client/vite-plugin-compress-html.mts."""
 
 
 @dataclass
@@ -103,34 +99,3 @@ class Player:
 
     def _node(self, name: str) -> Node:
         return self.nodes.setdefault(name, Node())
-
-
-def read_replay_poses(path: Path) -> tuple[NDArray[np.float64], dict[str, tuple[NDArray, NDArray]]]:
-    """Return the times (k,) of a page's frames, and of each body that moves positions (k, 3) and quaternions (k, 4)."""
-    recording = Recording.of(path.read_text())
-    moving = {m["name"] for at, m in recording.of_kind("SetPositionMessage", "SetOrientationMessage") if at > 0}
-    bodies = sorted(name for name in moving if name.startswith("/bodies/"))
-    player, times = Player(recording), recording.times_s
-    where: dict[str, list] = {name: [] for name in bodies}
-    for time_s in times:
-        nodes = player.play_to(time_s)
-        for name in bodies:
-            where[name].append((nodes[name].position, nodes[name].wxyz))
-    return times, {
-        name.removeprefix("/bodies/"): (np.array([p for p, _ in track]), np.array([q for _, q in track]))
-        for name, track in where.items()
-    }
-
-
-def client_code(page: str) -> str:
-    """Return viser's own program, which the page carries packed."""
-    (packed,) = re.findall(r'<script data-p="([^"]*)"', page)
-    digit = {letter: number for number, letter in enumerate(BASE88)}
-    out = bytearray()
-    for start in range(0, len(packed), 5):
-        group = packed[start : start + 5]
-        value = 0
-        for letter in group:
-            value = value * 88 + digit[letter]
-        out += value.to_bytes(len(group) - 1, "big")
-    return zstandard.ZstdDecompressor().decompress(bytes(out), max_output_size=1 << 26).decode()

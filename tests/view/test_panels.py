@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from made_up_replay import JOINTS, made_up_replay
@@ -16,7 +14,6 @@ from trocar.view.panels import (
     AXIS_PX,
     INK,
     NAMES_PX,
-    NEAR_S,
     PAPER,
     POINTS,
     ROW_PX,
@@ -24,7 +21,6 @@ from trocar.view.panels import (
     WINDOW_S,
     Joints,
     TimeLine,
-    nice_step,
 )
 
 REPLAY = made_up_replay(12.0)
@@ -48,15 +44,12 @@ def test_the_table_has_every_joint_in_its_unit_with_its_error():
         assert float(cells[-1].strip("*")) == pytest.approx(scale * (true - asked)[k], abs=0.0051)
 
 
-@pytest.mark.parametrize(
-    ("kinds", "heading"),
-    [
-        (("commanded", "measured"), "| joint | commanded | measured | measured - commanded |"),
-        (("true",), "| joint | true |"),
-    ],
-)
-def test_what_there_is_is_compared(kinds, heading):
-    assert joints(*kinds).table(0).splitlines()[0] == heading
+def test_what_there_is_is_compared_under_the_names_that_there_are():
+    one, two = joints("true"), joints("commanded", "measured")
+    assert one.table(0).splitlines()[0] == "| joint | true |"
+    assert two.table(0).splitlines()[0] == "| joint | commanded | measured | measured - commanded |"
+    assert Joints.of(replace(REPLAY, joints={}), "psm1") is None
+    assert "joint 1, deg" in Joints.of(replace(REPLAY, joint_names={}), "psm1").table(0)
 
 
 def test_curves_are_errors_in_degrees_about_now():
@@ -66,19 +59,8 @@ def test_curves_are_errors_in_degrees_about_now():
     assert_allclose(np.degrees(0.002), commanded)
     assert_allclose(np.degrees(0.001), measured)
     assert_allclose(true, -np.degrees(0.01) * np.sin(0.8 * (6.5 + seconds)), atol=1e-9)
-
-
-def test_curves_end_where_the_trial_does():
-    seconds = Joints.of(REPLAY, "psm1").errors_near(0, 0)[0]
-    assert_allclose(seconds[[0, -1]], [0, WINDOW_S], atol=0.06)
-
-
-def test_an_arm_without_joints_has_none():
-    assert Joints.of(replace(REPLAY, joints={}), "psm1") is None
-
-
-def test_joints_without_names_are_counted():
-    assert "joint 1, deg" in Joints.of(replace(REPLAY, joint_names={}), "psm1").table(0)
+    first = Joints.of(REPLAY, "psm1").errors_near(0, 0)[0]
+    assert_allclose(first[[0, -1]], [0, WINDOW_S], atol=0.06)  # none before the trial
 
 
 def test_arrays_of_another_shape_are_told():
@@ -112,10 +94,15 @@ def test_the_line_is_at_the_present():
 
 def test_close_up_shows_what_is_near_and_stays_within_the_trial():
     assert colour_at(LINE.near(20.0), "right", 0.01) == LINE.colours["wait"]
-    assert colour_at(LINE.near(9.0), "right", (10.5 - 9.0 + NEAR_S) / (2 * NEAR_S)) == LINE.colours["wait"]
-    assert colour_at(LINE.near(9.0), "right", (9.5 - 9.0 + NEAR_S) / (2 * NEAR_S)) == PAPER
+    assert colour_at(LINE.near(9.0), "right", (10.5 - 9.0 + WINDOW_S) / (2 * WINDOW_S)) == LINE.colours["wait"]
+    assert colour_at(LINE.near(9.0), "right", (9.5 - 9.0 + WINDOW_S) / (2 * WINDOW_S)) == PAPER
     assert colour_at(LINE.near(0.0), "left", 0.3) == LINE.colours["move"]
     assert colour_at(LINE.near(40.0), "right", 0.01) == LINE.colours["wait"]
+
+
+def test_the_axis_has_ticks_within_the_picture_only():
+    names = TimeLine(SPANS, 0.3, 39.2).whole(0.3)[-AXIS_PX:, 30 : NAMES_PX - 1]
+    assert (names == PAPER).all()
 
 
 def test_a_short_trial_is_shown_whole_close_up():
@@ -127,10 +114,3 @@ def test_the_legend_names_every_span_once_and_escapes_it():
     legend = TimeLine((("a", "<b>", 0, 1), ("b", "<b>", 1, 2)), 0.0, 2.0).legend()
     assert legend.count("&lt;b&gt;") == 1
     assert "<b>" not in legend
-
-
-@given(length=st.floats(0.01, 1e5))
-def test_ticks_are_round_and_neither_crowded_nor_rare(length):
-    step = nice_step(length)
-    assert 4.4 < length / step < 12
-    assert f"{step:.0e}"[0] in "125"

@@ -11,8 +11,8 @@ from made_up_replay import made_up_replay
 pytest.importorskip("viser")
 from browser import NAMES, THUMB, browser, find_chromium
 
-from trocar.view.overlay import DRIVEN, PLANNED
 from trocar.view.replay import END_S, write_replay
+from trocar.view.stage import DRIVEN, PLANNED
 from trocar.view.trial_view import TrialView
 
 pytestmark = pytest.mark.skipif(

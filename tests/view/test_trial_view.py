@@ -15,7 +15,7 @@ from trocar.replay import CameraImage
 
 pytest.importorskip("viser")
 from trocar.view.panels import CameraPanel, JointsPanel, TimeLinePanel, decoded
-from trocar.view.trial_view import TrialView, jumps, show_replay
+from trocar.view.trial_view import TrialView, jumps
 
 REPLAY = made_up_replay(12.0)
 SOMEBODY = SimpleNamespace(client=object())
@@ -24,7 +24,7 @@ NOBODY = SimpleNamespace(client=None)
 
 @pytest.fixture(scope="module")
 def view():
-    view = show_replay(REPLAY, port=0, block=False)
+    view = TrialView(REPLAY, 0)
     yield view
     view.close()
 
@@ -54,10 +54,10 @@ def test_a_time_is_shown_by_the_scene_the_slider_and_the_joints(view, time_s):
     assert joints._table.content == joints._joints.table(round(100 * time_s))
 
 
-@pytest.mark.parametrize(("asked", "shown"), [(-3.0, 0.0), (99.0, 12.0)])
-def test_beyond_its_ends_the_end_is_shown(view, asked, shown):
-    view.show(asked)
-    assert view.time_s == shown
+def test_beyond_its_ends_the_end_is_shown(view):
+    for asked, shown in ((-3.0, 0.0), (99.0, 12.0)):
+        view.show(asked)
+        assert view.time_s == shown
 
 
 def test_the_camera_shows_what_it_took_last(view):
@@ -147,11 +147,7 @@ def test_events_and_contacts_can_be_jumped_to(view):
     view._chosen(SOMEBODY)
     assert_allclose(view.time_s, 2.2)
     assert not view.plays
-    ball = view.server.scene.get_handle_by_name("/contacts/0")
-    assert ball.visible
-
-
-def test_events_say_what_was_noted_with_them():
+    assert view.server.scene.get_handle_by_name("/contacts/0").visible
     event = {"name": "pick failed", "time_s": 3.27, "peg": 1, "jaw_rad": -0.1014, "path": [1, 2]}
     assert jumps(replace(REPLAY, events=(event,), contacts=())) == {"3.27 s  pick failed, peg 1": 3.27}
 
@@ -180,24 +176,14 @@ def test_what_a_trial_does_not_have_is_left_out(replay):
         view.close()
 
 
-def test_only_this_machine_can_open_it(view):
+def test_only_this_machine_can_open_it_and_it_says_nothing_on_stdout(capsys):
+    view = TrialView(still_replay(), 0)
     assert view.server.get_host() == "127.0.0.1"
-
-
-def test_it_says_nothing_on_stdout(capsys):
-    show_replay(still_replay(), 0, block=False).close()
+    view.close()
+    assert not view.server._websock_server._server_thread.is_alive()
     assert capsys.readouterr().out == ""
 
 
 def test_a_port_out_of_range_is_told():
     with pytest.raises(TrocarError, match="the port is 65536; give 1 to 65535, or 0 for any that is free"):
         TrialView(still_replay(), 65536)
-
-
-def test_ctrl_c_stops_serving(monkeypatch):
-    def interrupted(view):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(TrialView, "play", interrupted)
-    view = show_replay(still_replay(), 0)
-    assert not view.server._websock_server._server_thread.is_alive()

@@ -59,17 +59,13 @@ def test_both_arms_stand_side_by_side_in_the_picture(angle):
     assert abs(apart @ view.right) > 0.85 * np.linalg.norm(apart)
 
 
-def test_the_camera_is_above_level_with_the_horizon_and_looks_at_the_middle():
+def test_the_camera_is_above_level_with_the_horizon_at_negative_y_and_looks_at_the_middle():
     view = viewpoint(MADE_UP, shoot(MADE_UP))
+    assert_allclose(view.front, [0, -1, 0], atol=1e-12)  # of two equal sides
     assert view.eye_m[2] > view.centre_m[2]
     assert view.right[2] == 0
     assert_allclose(np.cross(view.right, [0, 0, 1]), view.front, atol=1e-12)
     assert_allclose(in_picture(view, view.centre_m[None]), 0.0, atol=1e-12)
-
-
-def test_of_two_equal_sides_it_takes_that_of_negative_y():
-    view = viewpoint(MADE_UP, shoot(MADE_UP))
-    assert_allclose(view.front, [0, -1, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize("lean", [-1.0, 1.0])

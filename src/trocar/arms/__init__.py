@@ -1,17 +1,12 @@
 """Arms that work through a remote centre of motion: models and their kinematics."""
 
-from trocar.arms.branch import BRANCHES, Branch
-from trocar.arms.coupling import actuators_from_joints, joints_from_actuators
-from trocar.arms.fixed_wrist import ik_with_fixed_wrist
-from trocar.arms.forward import fk, frames
+from trocar.arms.forward import fk, frames, jacobian, limit_violations, manipulability, wrist_depth_m
 from trocar.arms.instrument import LARGE_NEEDLE_DRIVER, RAVEN_GRIPPER, FingerMarks, Instrument
-from trocar.arms.inverse import ik, ik_branches, ik_floats, ik_near, ik_unbounded
-from trocar.arms.jacobian import jacobian, joint_margins, limit_violations, manipulability, wrist_depth_m
-from trocar.arms.model import ArmModel, Joint, MotionLimits
+from trocar.arms.inverse import ik, ik_branches, ik_near, ik_unbounded, ik_with_fixed_wrist
+from trocar.arms.model import BRANCHES, ArmModel, Branch, Joint, MotionLimits
 from trocar.arms.psm import MOTION_LIMITS, PSM_CLASSIC, PSM_SI
 from trocar.arms.raven2 import RAVEN2_LEFT, RAVEN2_RIGHT
 from trocar.arms.solids import SOLIDS, capsules
-from trocar.errors import OutOfReach
 from trocar.registry import Registry
 
 ARMS: Registry[ArmModel] = Registry(
@@ -36,20 +31,15 @@ __all__ = [
     "Instrument",
     "Joint",
     "MotionLimits",
-    "OutOfReach",
-    "actuators_from_joints",
     "capsules",
     "fk",
     "frames",
     "ik",
     "ik_branches",
-    "ik_floats",
     "ik_near",
     "ik_unbounded",
     "ik_with_fixed_wrist",
     "jacobian",
-    "joint_margins",
-    "joints_from_actuators",
     "limit_violations",
     "manipulability",
     "wrist_depth_m",

@@ -1,4 +1,4 @@
-"""Forward kinematics: from joint values to poses."""
+"""From joint values to poses, velocities, and distances from the joints' limits."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from math import cos, pi, sin
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms.model import ArmModel
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 
 
 def fk(arm: ArmModel, q: ArrayLike) -> SE3:
@@ -35,11 +36,7 @@ def fk(arm: ArmModel, q: ArrayLike) -> SE3:
 
 
 def frames(arm: ArmModel, q: ArrayLike) -> SE3:
-    """Return the poses, in the base, of frames 0 (base), 1..6 (modified DH) and 7 (tip): batch (..., 8).
-
-    Raises:
-        TrocarError: ``q`` has another shape or is not finite.
-    """
+    """Return the poses, in the base, of frames 0 (base), 1..6 (modified DH) and 7 (tip): batch (..., 8)."""
     steps = _steps(arm, arm.configurations(q))
     poses = [np.broadcast_to(np.eye(4), steps.shape[:-3] + (4, 4))]
     for i in range(len(arm.joints)):
@@ -48,7 +45,69 @@ def frames(arm: ArmModel, q: ArrayLike) -> SE3:
     return SE3.unchecked(np.stack([*poses, poses[-1] @ tip], -3))
 
 
-def _steps(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
+def jacobian(arm: ArmModel, q: ArrayLike) -> Array:
+    """Return the geometric Jacobian(s) (..., 6, 6), from joint velocities to the tip's velocity in the base frame.
+
+    Rows are the tip's linear velocity (m/s), then its angular velocity (rad/s). For the PSM exactly
+    ``|det J| = cos q2 * d * (d cos q5 + L3)`` with d = q3 - .0156 (``facts/peg_transfer.md``, Kinematics).
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    poses = frames(arm, q).matrix
+    tip = poses[..., 7, :3, 3]
+    J = np.zeros((*poses.shape[:-3], 6, 6))
+    for i, joint in enumerate(arm.joints):
+        axis = poses[..., i + 1, :3, 2]
+        if joint.prismatic:
+            J[..., :3, i] = axis
+        else:
+            J[..., :3, i] = np.cross(axis, tip - poses[..., i + 1, :3, 3])
+            J[..., 3:, i] = axis
+    return J
+
+
+def manipulability(arm: ArmModel, q: ArrayLike) -> Array:
+    """Return Yoshikawa's measure ``|det J|`` (...,) in m^2; it is zero where the tip loses a degree of freedom.
+
+    Yaw, pitch and roll are pure rotations about the remote centre, so the determinant factorises into
+    ``|sin(twist1) sin(twist2) sin t2| * |d (d cos t5 + L3)|``, with t2, t5 the pitch angles with their offsets and d
+    the depth of the wrist beyond the remote centre.
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    q = arm.configurations(q)
+    (_, s1), (_, s2) = arm.twist_cosines[1:]
+    depth = wrist_depth_m(arm, q)
+    arm_part = s1 * s2 * np.sin(q[..., 1] + arm.offsets[1])
+    wrist_part = depth * (depth * np.cos(q[..., 4] + arm.offsets[4]) + arm.wrist_length_m)
+    return np.abs(arm_part * wrist_part)
+
+
+def wrist_depth_m(arm: ArmModel, q: ArrayLike) -> Array:
+    """Return the depth (...,) in m of the wrist's pitch axis beyond the remote centre; compare ``safe_depth_m``."""
+    return -arm.wrist_sign * (np.asarray(q, dtype=np.float64)[..., 2] + arm.offsets[2])
+
+
+def limit_violations(arm: ArmModel, q: ArrayLike) -> list[str]:
+    """Return one sentence for each joint that leaves its range, at its worst over the configuration(s).
+
+    Raises:
+        TrocarError: ``q`` has another shape or is not finite.
+    """
+    q = arm.configurations(q)
+    worst = np.atleast_2d(q).reshape(-1, 6)
+    worst = worst[np.argmin(np.minimum(worst - arm.lower, arm.upper - worst), axis=0), range(6)]
+    return [
+        f"joint '{joint.name}' = {value:.4f} {joint.unit} is outside [{joint.lower:.4f}, {joint.upper:.4f}] "
+        f"{joint.unit} by {max(joint.lower - value, value - joint.upper):.4f}"
+        for joint, value in zip(arm.joints, worst.tolist(), strict=True)
+        if not joint.lower <= value <= joint.upper
+    ]
+
+
+def _steps(arm: ArmModel, q: Array) -> Array:
     """Return the pose of each frame in the one before it (..., 6, 4, 4): modified DH, all joints at once."""
     wrist = arm.wrist_sign * pi / 2
     slides = np.array([joint.prismatic for joint in arm.joints])

@@ -5,19 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput
 from trocar.geometry import shown
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 
 SLEEVE_M, SLEEVE_SHARE = (3e-3, 18e-3), 0.95
 """The end of the shaft, from the wrist pitch axis back, is a steel sleeve; its radius as a share of the shaft's."""
-CLEVIS_SHARE = 0.75
-"""The round part of the clevis ends at this share of the way to the yaw axis."""
-KNUCKLE_SHARE = 0.9
-"""Width of the boss at the yaw axis, as a share of a finger's width."""
+CLEVIS_SHARE = 0.75  # the round part of the clevis ends at this share of the way to the yaw axis
+KNUCKLE_SHARE = 0.9  # width of the boss at the yaw axis, as a share of a finger's width
 
 
 @dataclass(frozen=True)
@@ -25,31 +22,20 @@ class FingerMarks:
     """Two marks of one colour on each finger, by which a camera finds the jaws (Kehoe 2014, V-A.2).
 
     A mark is a disc through the finger and a little more, so that it shows on both sides; it stands out from the back.
-
-    Attributes:
-        colors: linear RGB in [0, 1] of the left finger's marks and of the right one's.
-        along_m: of the two marks' middles from the yaw axis, along the finger.
-        behind_m: of their middles, behind the plane in which closed jaws meet.
-        radius_m: of a mark.
-        proud_m: how far it stands out on both sides of the finger, along the yaw axis.
     """
 
+    # linear RGB in [0, 1] of the left finger's marks and of the right one's
     colors: tuple[tuple[float, float, float], tuple[float, float, float]]
-    along_m: tuple[float, float] = (7.0e-3, 14.5e-3)
-    behind_m: float = 1.7e-3
-    radius_m: float = 1.6e-3
-    proud_m: float = 0.3e-3
+    along_m: tuple[float, float] = (7.0e-3, 14.5e-3)  # of the two marks' middles from the yaw axis, along the finger
+    behind_m: float = 1.7e-3  # of their middles, behind the plane in which closed jaws meet
+    radius_m: float = 1.6e-3  # of a mark
+    proud_m: float = 0.3e-3  # how far it stands out on both sides of the finger, along the yaw axis
 
     def __post_init__(self) -> None:
         require_numbers(self)
 
-    def centers_m(self, side: int, jaw_rad: float) -> NDArray[np.float64]:
-        """Return the middles (2, 3) of a finger's marks at a jaw opening, in the frame of :meth:`Instrument.finger_m`.
-
-        Args:
-            side: +1 of the left finger, -1 of the right one.
-            jaw_rad: opening between both fingers.
-        """
+    def centers_m(self, side: int, jaw_rad: float) -> Array:
+        """Return the middles (2, 3) of the marks of the left (+1) or right (-1) finger, as ``Instrument.finger_m``."""
         half = 0.5 * side * jaw_rad
         along, behind = np.array(self.along_m), side * self.behind_m
         x = np.cos(half) * along - np.sin(half) * behind
@@ -95,22 +81,17 @@ class Instrument:
         finite(f"instrument {self.name!r}", list(sizes.values()), len(sizes))
         small = [name for name, size in sizes.items() if not size > 0]
         if small:
-            raise InvalidInput(
-                f"{small[0]}", f"of instrument {self.name!r} is {sizes[small[0]]}", "give a length above 0"
-            )
+            problem = f"of instrument {self.name!r} is {sizes[small[0]]}"
+            raise InvalidInput(small[0], problem, "give a length above 0")
         if not self.tip_chamfer_m < self.finger_length_m:
-            raise InvalidInput(
-                "the fingers",
-                f"of instrument {self.name!r} are {self.finger_length_m} m long, "
-                f"and the chamfer at their end {self.tip_chamfer_m} m",
-                "give a shorter one",
-            )
+            long = f"are {self.finger_length_m} m long, and the chamfer at their end {self.tip_chamfer_m} m"
+            raise InvalidInput("the fingers", f"of instrument {self.name!r} {long}", "give a shorter one")
 
     def __repr__(self) -> str:
         shaft, fingers = shown(2 * self.shaft_radius_m, "m", "g"), shown(self.finger_length_m, "m", "g")
         return f"<Instrument {self.name!r}: shaft {shaft} thick, fingers {fingers} long>"
 
-    def finger_m(self, side: int) -> NDArray[np.float64]:
+    def finger_m(self, side: int) -> Array:
         """Return the corner points (10, 3) of one finger, closed jaws, in its joint's frame.
 
         x points to the end of the jaws, y (times ``side``, +1 or -1) out of the closing plane, z along the yaw axis.

@@ -18,19 +18,24 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms.branch import BRANCHES, SolverConstants
-from trocar.arms.model import ArmModel
+from trocar.arms.forward import fk, jacobian, limit_violations
+from trocar.arms.model import BRANCHES, ArmModel, SolverConstants
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, TURN
+from trocar.geometry.arrays import Array, finite
 
 LIMIT_TOLERANCE = 1e-9
 """Joint values this far outside their range (rad or m) are rounding errors and are clipped to the limit."""
-CONE_TOLERANCE = 1e-12
-"""A cosine this far beyond 1 is a rounding error."""
-CHUNK = 8192
-"""Number of poses solved at a time, so that the intermediate arrays stay in the cache."""
+CONE_TOLERANCE = 1e-12  # a cosine this far beyond 1 is a rounding error
+CHUNK = 8192  # number of poses solved at a time, so that the intermediate arrays stay in the cache
 SMALL_CHUNK = 2048
 """The same for a few thousand poses: arrays this small are reused by the allocator, not returned to the system."""
+
+OUTER = 3  # joints before the wrist
+REACHED_M = 1e-9
+STEPS = 20
+MAX_STEP = np.array([0.5, 0.5, 0.1])
+"""Largest step of yaw, pitch (rad) and insertion (m): further away the arm's geometry has changed too much."""
 
 
 def ik(
@@ -39,7 +44,7 @@ def ik(
     reference: ArrayLike | None = None,
     *,
     unreachable: Literal["raise", "nan"] = "raise",
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the configuration(s) (..., 6) within the limits whose tip is at ``T_base_tip``.
 
     Of several solutions, the one nearest to ``reference`` (..., 6) is returned; all joints have equal weight, in rad
@@ -98,19 +103,6 @@ def ik(
     return q.reshape(*batch, 6)
 
 
-def ik_floats(arm: ArmModel, matrix: list[list[float]], reference: ArrayLike | None = None) -> list[float]:
-    """Return ``ik`` of one pose as floats, from the four rows of its matrix.
-
-    Raises:
-        OutOfReach: as ``ik``.
-        TrocarError: as ``ik``.
-    """
-    near = _six_floats(arm, reference)
-    if near is None:
-        raise InvalidInput(f"a reference for arm '{arm.name}'", f"needs six finite numbers, got {reference!r}")
-    return _solve_one(arm, matrix, near)
-
-
 def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) -> list[float]:
     if arm.branch_is_unique:
         try:
@@ -124,19 +116,13 @@ def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) 
                 q[i] += TURN * round(ahead / TURN)
         (a1, b1), (a2, b2), (a3, b3), (a4, b4), (a5, b5), (a6, b6) = arm.ranges
         q1, q2, q3, q4, q5, q6, _ = q
-        if (
-            a1 <= q1 <= b1
-            and a2 <= q2 <= b2
-            and a3 <= q3 <= b3
-            and a4 <= q4 <= b4
-            and a5 <= q5 <= b5
-            and a6 <= q6 <= b6
-        ):
+        outer = a1 <= q1 <= b1 and a2 <= q2 <= b2 and a3 <= q3 <= b3
+        if outer and a4 <= q4 <= b4 and a5 <= q5 <= b5 and a6 <= q6 <= b6:
             return [q1, q2, q3, q4, q5, q6]
     return _search(arm, np.ravel(matrix), np.array(near)).tolist()
 
 
-def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: Array | None = None) -> Array:
     """Return the configurations (..., 6) on the arm's own branch, within the limits or not; NaN where none is real.
 
     Angles are in the turns nearest to ``near`` (..., 6), if it is given; else yaw and roll are in those nearest to the
@@ -151,21 +137,16 @@ def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64] | Non
     return q if near is None else q - arm.turns * np.rint((q - near) / TURN)
 
 
-def ik_near(arm: ArmModel, T_base_tip: SE3, near: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the same for poses that all have joints.
-
-    Raises:
-        OutOfReach: one of them has none.
-    """
+def ik_near(arm: ArmModel, T_base_tip: SE3, near: Array) -> Array:
+    """Return the same for poses that all have joints (OutOfReach: one of them has none)."""
     q = ik_unbounded(arm, T_base_tip, near)
     if not np.isfinite(q).all():
-        raise OutOfReach(
-            f"no joints of {arm.name} have this pose of the tip, in their ranges or not; choose another pose"
-        )
+        problem = f"no joints of {arm.name} have this pose of the tip, in their ranges or not"
+        raise OutOfReach(f"{problem}; choose another pose")
     return q
 
 
-def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[Array, NDArray[np.bool_]]:
     """Return all solutions, within the limits or not: q (..., 8, 6), and which of them are real (..., 8).
 
     The order is that of ``BRANCHES``. Angles lie within half a turn of the middle of their range. Branches that are not
@@ -182,6 +163,41 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[NDArray[np.float64], ND
             real[..., b] = np.abs(cosine) <= 1 + CONE_TOLERANCE
     q -= arm.turns * np.rint((q - arm.middle) / TURN)
     return q, real & np.isfinite(q).all(-1)
+
+
+def ik_with_fixed_wrist(
+    arm: ArmModel, q: ArrayLike, p_base_m: ArrayLike, p_tip_m: ArrayLike = (0.0, 0.0, 0.0)
+) -> Array:
+    """Return joints (6,) near ``q`` (6,), with the same wrist, that bring a point of the tip to ``p_base_m`` (3,).
+
+    The point, ``p_tip_m`` (3,) in the tip's frame, is the tip itself, or lies on something that the jaws hold.
+
+    The tip turns with the shaft: by .05 rad per centimetre, 200 mm from the remote centre. The wrist's cables do not
+    move, so the effects of friction and play stay as they were.
+
+    Raises:
+        OutOfReach: the place cannot be reached this way within the joints' ranges.
+        TrocarError: joints or place have another shape, or are not finite.
+    """
+    goal, held = (finite(f"a place of arm '{arm.name}'", p_m, 3) for p_m in (p_base_m, p_tip_m))
+    found = arm.configurations(q).copy()
+    for _ in range(STEPS):
+        T_base_tip = fk(arm, found)
+        missing_m = goal - T_base_tip.apply(held)
+        if np.abs(missing_m).max() < REACHED_M:
+            break
+        try:
+            shifts, turns = np.split(jacobian(arm, found)[:, :OUTER], 2)
+            of_point = shifts + np.cross(turns.T, T_base_tip.rotation.apply(held)).T
+            step = np.linalg.solve(of_point, missing_m)
+        except np.linalg.LinAlgError:
+            raise OutOfReach(f"{arm.name} is singular on the way; turn its wrist") from None
+        found[:OUTER] += np.clip(step, -MAX_STEP, MAX_STEP)
+    else:
+        raise OutOfReach(f"{arm.name} does not reach {np.round(1e3 * goal, 1).tolist()} mm with its wrist as it is")
+    if outside := limit_violations(arm, found):
+        raise OutOfReach(outside[0])
+    return found
 
 
 def _six_floats(arm: ArmModel, reference: ArrayLike | None) -> Sequence[float] | None:
@@ -223,23 +239,19 @@ def _solve_chunks(
         q[part] = inside.T
 
 
-def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose") -> NDArray[np.float64]:
+def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose") -> Array:
     """Return the solution of one pose (16,), on any branch within the limits, that is nearest to ``near``."""
     if not np.isfinite(pose).all():
         raise InvalidInput(f"{name} for arm '{arm.name}'", "holds NaN or infinity", "check what it was computed from")
     T = SE3.unchecked(pose.reshape(4, 4))
-    place = "({:.4f}, {:.4f}, {:.4f}) m".format(*T.translation_m)
+    there = "{} at ({:.4f}, {:.4f}, {:.4f}) m".format(name, *T.translation_m)
     q, real = ik_branches(arm, T)
     if not np.isfinite(q).all(-1).any():
-        raise OutOfReach(
-            f"arm '{arm.name}' has no definite joint values for {name} at {place}: the wrist lies on the remote centre "
-            f"and turns freely; keep it {arm.safe_depth_m} m away"
-        )
+        why = f"the wrist lies on the remote centre and turns freely; keep it {arm.safe_depth_m} m away"
+        raise OutOfReach(f"arm '{arm.name}' has no definite joint values for {there}: {why}")
     if not real.any():
-        raise OutOfReach(
-            f"arm '{arm.name}' cannot reach {name} at {place}: no pitch points the instrument that way; "
-            "turn or move the target"
-        )
+        why = "no pitch points the instrument that way; turn or move the target"
+        raise OutOfReach(f"arm '{arm.name}' cannot reach {there}: {why}")
     q = q[real]
     q = q + arm.turns * np.rint((near - q) / TURN)
     turned = q + arm.turns * ((q < arm.lower) * 1.0 - (q > arm.upper))
@@ -252,14 +264,12 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     best = np.argmin(excess.max(-1))
     i = int(np.argmax(excess[best]))
     joint = arm.joints[i]
-    raise OutOfReach(
-        f"arm '{arm.name}' cannot reach {name} at {place}: joint '{joint.name}' would be {q[best, i]:.4f} "
-        f"{joint.unit}, {excess[best, i]:.4f} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}; "
-        "move or turn the target"
-    )
+    outside = f"{excess[best, i]:.4f} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}"
+    why = f"joint '{joint.name}' would be {q[best, i]:.4f} {joint.unit}, {outside}; move or turn the target"
+    raise OutOfReach(f"arm '{arm.name}' cannot reach {there}: {why}")
 
 
-def _excess(arm: ArmModel, q: NDArray) -> NDArray[np.float64]:
+def _excess(arm: ArmModel, q: NDArray) -> Array:
     """Return how far each joint is outside its range; negative inside."""
     return np.maximum(arm.lower - q, q - arm.upper)
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from trocar.arms.branch import Branch, SolverConstants
 from trocar.arms.instrument import Instrument
 from trocar.errors import InvalidInput
 from trocar.geometry import TURN, shown, shown_scale
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 from trocar.notebook import table
 
 
@@ -40,15 +40,11 @@ class Joint:
     def __post_init__(self) -> None:
         finite(f"joint '{self.name}'", (self.lower, self.upper, self.max_speed, self.max_acceleration), 4)
         if not self.lower < self.upper:
-            raise InvalidInput(
-                f"joint '{self.name}'", f"has limits {self.lower} to {self.upper} {self.unit}", "give lower < upper"
-            )
+            problem = f"has limits {self.lower} to {self.upper} {self.unit}"
+            raise InvalidInput(f"joint '{self.name}'", problem, "give lower < upper")
         if not (self.max_speed > 0 and self.max_acceleration > 0):
-            raise InvalidInput(
-                f"joint '{self.name}'",
-                f"has speed {self.max_speed} and acceleration {self.max_acceleration}",
-                "both must be above 0",
-            )
+            problem = f"has speed {self.max_speed} and acceleration {self.max_acceleration}"
+            raise InvalidInput(f"joint '{self.name}'", problem, "both must be above 0")
 
     @property
     def unit(self) -> str:
@@ -80,9 +76,9 @@ class MotionLimits:
         jerk: (joints,) rad/s^3 or m/s^3; None: unlimited. A jerk limit also forbids jumps of the acceleration.
     """
 
-    velocity: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    jerk: NDArray[np.float64] | None = None
+    velocity: Array
+    acceleration: Array
+    jerk: Array | None = None
 
     def __post_init__(self) -> None:
         given = {"velocity": self.velocity, "acceleration": self.acceleration, "jerk": self.jerk}
@@ -94,6 +90,39 @@ class MotionLimits:
             if not np.all(value > 0):
                 raise InvalidInput("motion limits", f"must be above 0, got {name} {value.tolist()}")
             object.__setattr__(self, name, value)
+
+
+class Branch(NamedTuple):
+    """One of the eight solutions of the inverse kinematics, by the signs of cos q6, cos q5 and sin(q2 + offset)."""
+
+    yaw: int
+    wrist: int
+    pitch: int
+
+
+BRANCHES = tuple(Branch(u6, u5, u2) for u6 in (1, -1) for u5 in (1, -1) for u2 in (1, -1))
+"""All branches, in the order of ``ik_branches``."""
+
+
+class SolverConstants(NamedTuple):
+    """Constants of one branch of one arm; c0 to s2 are cosines and sines of the twists, u the sign of sin(q2 + offset).
+
+    The ``offsets`` are subtracted from the angles.
+    """
+
+    branch: Branch
+    wrist_sign: int
+    wrist_length_m: float
+    tip_length_m: float
+    c0: float
+    s0: float
+    c1c2: float
+    s1s2: float
+    s1c2: float
+    c1s2: float
+    u_s1: float
+    u_s2: float
+    offsets: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -141,41 +170,32 @@ class ArmModel:
     coupling: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
+        item = f"arm '{self.name}'"
         if len(self.joints) != 6 or len(self.offsets) != 6:
-            raise InvalidInput(
-                f"arm '{self.name}'", f"needs 6 joints and offsets, got {len(self.joints)} and {len(self.offsets)}"
-            )
-        finite(f"twists_rad of arm '{self.name}'", self.twists_rad, 3)
-        finite(f"offsets of arm '{self.name}'", self.offsets, 6)
-        lengths = finite(f"arm '{self.name}'", (self.wrist_length_m, self.tip_length_m, self.safe_depth_m), 3)
+            raise InvalidInput(item, f"needs 6 joints and offsets, got {len(self.joints)} and {len(self.offsets)}")
+        finite(f"twists_rad of {item}", self.twists_rad, 3)
+        finite(f"offsets of {item}", self.offsets, 6)
+        lengths = finite(item, (self.wrist_length_m, self.tip_length_m, self.safe_depth_m), 3)
         if lengths.min() < 0:
-            raise InvalidInput(
-                f"arm '{self.name}'", f"has wrist, tip and safe depth {lengths.tolist()} m", "none may be below 0"
-            )
+            raise InvalidInput(item, f"has wrist, tip and safe depth {lengths.tolist()} m", "none may be below 0")
         if self.coupling is not None:
-            finite(f"the coupling of arm '{self.name}'", self.coupling, 4, 4)
+            finite(f"the coupling of {item}", self.coupling, 4, 4)
         if [joint.prismatic for joint in self.joints] != [False, False, True, False, False, False]:
-            raise InvalidInput(f"arm '{self.name}'", "needs exactly its third joint to be prismatic")
+            raise InvalidInput(item, "needs exactly its third joint to be prismatic")
         if self.wrist_sign not in (-1, 1):
-            raise InvalidInput(f"arm '{self.name}'", f"has wrist_sign {self.wrist_sign}", "choose -1 or 1")
+            raise InvalidInput(item, f"has wrist_sign {self.wrist_sign}", "choose -1 or 1")
         if abs(math.sin(self.twists_rad[1]) * math.sin(self.twists_rad[2])) < 1e-6:
-            raise InvalidInput(f"arm '{self.name}'", f"has parallel axes: twists {self.twists_rad} rad")
+            raise InvalidInput(item, f"has parallel axes: twists {self.twists_rad} rad")
 
     def __repr__(self) -> str:
         names = ", ".join(joint.name for joint in self.joints)
         return f"<ArmModel {self.name!r}: joints {names}; tip {shown(self.tip_length_m, 'm')} beyond the jaws' axis>"
 
     def _repr_html_(self) -> str:
-        rows = (
-            (
-                j.name,
-                j.shown(j.lower),
-                j.shown(j.upper),
-                f"{j.shown(j.max_speed)}/s",
-                f"{j.shown(j.max_acceleration)}/s²",
-            )
-            for j in (*self.joints, self.jaw)
-        )
+        rows = []
+        for j in (*self.joints, self.jaw):
+            paces = f"{j.shown(j.max_speed)}/s", f"{j.shown(j.max_acceleration)}/s²"
+            rows.append((j.name, j.shown(j.lower), j.shown(j.upper), *paces))
         return table(self, ("joint", "from", "to", "speed up to", "acceleration up to"), rows)
 
     def widened(self, rad: float, m: float) -> ArmModel:
@@ -184,17 +204,17 @@ class ArmModel:
         return replace(self, joints=tuple(replace(j, lower=j.lower - by, upper=j.upper + by) for j, by in more))
 
     @cached_property
-    def lower(self) -> NDArray[np.float64]:
+    def lower(self) -> Array:
         """Return the lower limits (6,)."""
         return _frozen([joint.lower for joint in self.joints])
 
     @cached_property
-    def upper(self) -> NDArray[np.float64]:
+    def upper(self) -> Array:
         """Return the upper limits (6,)."""
         return _frozen([joint.upper for joint in self.joints])
 
     @cached_property
-    def middle(self) -> NDArray[np.float64]:
+    def middle(self) -> Array:
         """Return the middle of every range (6,)."""
         return _frozen([joint.middle for joint in self.joints])
 
@@ -209,7 +229,7 @@ class ArmModel:
         return tuple((joint.lower, joint.upper) for joint in self.joints)
 
     @cached_property
-    def turns(self) -> NDArray[np.float64]:
+    def turns(self) -> Array:
         """Return the period (6,) of each joint: a whole turn for rotary joints, 0 for prismatic ones."""
         return _frozen([0.0 if joint.prismatic else TURN for joint in self.joints])
 
@@ -258,24 +278,12 @@ class ArmModel:
         """Return the constants of the inverse kinematics on any branch, with offsets known up to whole turns."""
         (c0, s0), (c1, s1), (c2, s2) = self.twist_cosines
         u = branch.pitch
-        return SolverConstants(
-            branch,
-            self.wrist_sign,
-            self.wrist_length_m,
-            self.tip_length_m,
-            c0,
-            s0,
-            c1 * c2,
-            s1 * s2,
-            s1 * c2,
-            c1 * s2,
-            u * s1,
-            u * s2,
-            offsets,
-        )
+        lengths = self.wrist_length_m, self.tip_length_m
+        products = c1 * c2, s1 * s2, s1 * c2, c1 * s2, u * s1, u * s2
+        return SolverConstants(branch, self.wrist_sign, *lengths, c0, s0, *products, offsets)
 
     @cached_property
-    def _branch_center(self) -> NDArray[np.float64]:
+    def _branch_center(self) -> Array:
         yaw, wrist, pitch = self.branch
         half = math.pi / 2
         return np.array([0.0, pitch * half, 0.0, 0.0, half - wrist * half, half - yaw * half])
@@ -283,7 +291,8 @@ class ArmModel:
     @cached_property
     def twist_cosines(self) -> tuple[tuple[float, float], ...]:
         """Return cosine and sine of each twist, with exact zeros at right angles."""
-        return tuple((_clean(math.cos(twist)), _clean(math.sin(twist))) for twist in self.twists_rad)
+        pairs = ((math.cos(twist), math.sin(twist)) for twist in self.twists_rad)
+        return tuple(tuple(0.0 if abs(x) < 1e-15 else x for x in pair) for pair in pairs)  # type: ignore[return-value]
 
     @cached_property
     def motion_limits(self) -> MotionLimits:
@@ -293,26 +302,12 @@ class ArmModel:
             np.array([joint.max_acceleration for joint in self.joints]),
         )
 
-    def with_tip(self, length_m: float) -> ArmModel:
-        """Return this arm with its controlled point ``length_m`` beyond the jaw axis (0: on the axis)."""
-        if not (math.isfinite(length_m) and length_m >= 0):
-            raise InvalidInput("the tip length", f"is {length_m} m", "give a finite length of at least 0")
-        return replace(self, tip_length_m=float(length_m))
-
-    def configurations(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return ``q`` as (..., 6) floats.
-
-        Raises:
-            TrocarError: the last axis is not six long, or a value is not finite.
-        """
+    def configurations(self, q: ArrayLike) -> Array:
+        """Return ``q`` as (..., 6) floats (TrocarError: the last axis is not six long, or a value is not finite)."""
         return finite(f"a configuration of arm '{self.name}'", q, ..., 6)
 
 
-def _frozen(values: list[float]) -> NDArray[np.float64]:
+def _frozen(values: list[float]) -> Array:
     array = np.array(values)
     array.flags.writeable = False
     return array
-
-
-def _clean(value: float) -> float:
-    return 0.0 if abs(value) < 1e-15 else value

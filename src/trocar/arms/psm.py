@@ -63,8 +63,7 @@ PSM_SI = replace(
 MOTION_LIMITS: dict[str, MotionLimits] = {
     # Hwang et al. 2022, the runs of the study: 2 [pi pi .2 6pi 6pi 6pi] and 2 [pi pi .2 4pi 4pi 4pi]
     "paper": MotionLimits(
-        2 * np.array([pi, pi, 0.2, 6 * pi, 6 * pi, 6 * pi]),
-        2 * np.array([pi, pi, 0.2, 4 * pi, 4 * pi, 4 * pi]),
+        2 * np.array([pi, pi, 0.2, 6 * pi, 6 * pi, 6 * pi]), 2 * np.array([pi, pi, 0.2, 4 * pi, 4 * pi, 4 * pi])
     ),
     "dvrk": PSM_CLASSIC.motion_limits,
 }

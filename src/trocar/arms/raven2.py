@@ -14,7 +14,6 @@ from trocar.arms.model import ArmModel, Joint
 INSERTION_OFFSET_M = -0.47
 WRIST_LENGTH_M = 0.013  # Raven instruments; 0.009 for da Vinci instruments on the adapter
 TIP_LENGTH_M = 0.010  # jaw axis to the controlled point; the jaws end at 0.020
-
 YELLOW, GREEN, BLUE, MAGENTA = (0.80, 0.62, 0.02), (0.02, 0.45, 0.10), (0.02, 0.14, 0.62), (0.50, 0.03, 0.48)
 """Four colours that differ from each other, from steel and from red tissue (assumed; Kehoe 2014, V-A.2 has four)."""
 

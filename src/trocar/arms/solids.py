@@ -1,18 +1,20 @@
-"""Where the solids of an arm are: its instrument as capsules."""
+"""The solids of an arm's instrument: as capsules for planning, and link by link for simulator and exported models."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trocar.arms.forward import frames
+from trocar.arms.instrument import CLEVIS_SHARE, KNUCKLE_SHARE, SLEEVE_M, SLEEVE_SHARE
 from trocar.arms.model import ArmModel
+from trocar.geometry.arrays import Array
 from trocar.geometry.capsules import Capsules, cross
 
-SOLIDS = ("shaft", "wrist", "left finger", "right finger")
-"""What the capsules of :func:`capsules` stand for, in order."""
-
+SOLIDS = ("shaft", "wrist", "left finger", "right finger")  # what the capsules of :func:`capsules` stand for, in order
 MOVED = np.array([[1, 1, 1, 0, 0, 0], [1, 1, 1, 1, 1, 0], [1, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]], dtype=np.float64)
 """(4, 6) 1 where a joint moves the axis of a capsule of :func:`capsules`, else 0."""
 
@@ -34,21 +36,19 @@ def capsules(arm: ArmModel, q: ArrayLike, jaw_rad: ArrayLike = 0.0) -> Capsules:
     return Capsules(points[..., _ENDS, :], solid_radii_m(arm))
 
 
-def solid_radii_m(arm: ArmModel) -> NDArray[np.float64]:
+def solid_radii_m(arm: ArmModel) -> Array:
     """Return the radii (4,) of :func:`capsules`, which no configuration changes."""
     shape = arm.instrument
     return np.array([shape.shaft_radius_m, shape.wrist_radius_m, shape.finger_radius_m, shape.finger_radius_m])
 
 
-def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[Array, Array]:
     """Return the axes of the joints, and points on them, in the arm's base: (..., 6, 3) each, m.
 
     The axis of the sliding joint is its direction of motion. Points of the instrument move by ``axis x (point -
     origin)`` for each joint that turns; :data:`MOVED` tells which parts a joint moves.
 
-    Args:
-        arm: whose joints.
-        q: (..., 6) joints, rad and m.
+    ``arm``: whose joints; ``q``: (..., 6) joints, rad and m.
     """
     q = arm.configurations(q)
     depth, shaft, out, side = _wrist(arm, q)
@@ -66,7 +66,7 @@ def joint_axes(arm: ArmModel, q: ArrayLike) -> tuple[NDArray[np.float64], NDArra
     return axes, origins
 
 
-def _points(arm: ArmModel, q: NDArray[np.float64], jaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def _points(arm: ArmModel, q: Array, jaw_rad: Array) -> Array:
     """Return the shaft's lower and upper end, pitch axis, yaw axis, ends of the fingers: (..., 6, 3) m in the base.
 
     Written out, since a guard asks for hundreds of configurations before every motion; the frames of
@@ -86,13 +86,13 @@ def _points(arm: ArmModel, q: NDArray[np.float64], jaw_rad: NDArray[np.float64])
     return np.stack(points, -2)
 
 
-def _wrist(arm: ArmModel, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def _wrist(arm: ArmModel, q: Array) -> tuple[Array, ...]:
     """Return how far frame 4 lies along its z axis (...,); in the base (..., 3): that axis, the wrist link, y of 4."""
     (c0, s0), (c1, s1), (c2, s2) = arm.twist_cosines
     turned = np.moveaxis(q + np.array(arm.offsets), -1, 0)
     (k1, k2, _, k4, k5, _), (n1, n2, _, n4, n5, _) = np.cos(turned), np.sin(turned)
 
-    def base(x: Any, y: Any, z: Any) -> NDArray[np.float64]:  # Rx(twist 0) Rz(q1) Rx(twist 1)
+    def base(x: Any, y: Any, z: Any) -> Array:  # Rx(twist 0) Rz(q1) Rx(twist 1)
         y, z = c1 * y - s1 * z, s1 * y + c1 * z
         x, y = k1 * x - n1 * y, n1 * x + k1 * y
         return np.stack([x, c0 * y - s0 * z, s0 * y + c0 * z], -1)
@@ -102,3 +102,45 @@ def _wrist(arm: ArmModel, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
     y4 = k4[..., None] * y3 - n4[..., None] * x3
     out = n5[..., None] * x4 - arm.wrist_sign * k5[..., None] * shaft
     return turned[2], shaft, out, y4
+
+
+STEEL = (0.62, 0.63, 0.66)
+CARBON = (0.10, 0.11, 0.13)
+HOUSING = (0.55, 0.56, 0.60)
+DRIVE_M = (0.06, 0.09, 0.08)  # size of the drive unit behind the shaft (assumed)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One solid, in the frame of the link that carries it."""
+
+    name: str  # what it is
+    link: int  # number of that frame, 1 to 6 (modified DH)
+    shape: Literal["cylinder", "capsule", "box"]  # a capsule's caps go beyond its ends
+    # (2, 3) ends of the axis of a cylinder or capsule; (1, 3) middle of a box, whose sides are along x, y, z
+    at_m: Array
+    size_m: tuple[float, ...]  # radius of a cylinder or capsule; three sides of a box
+    rgb: tuple[float, float, float]  # colour, each in [0, 1]
+
+
+def parts_of(arm: ArmModel) -> tuple[Part, ...]:
+    """Return all solids of an arm's instrument except its fingers (``Instrument.finger_m``), which the jaws move.
+
+    The shaft is attached to the roll link, whose origin is on the pitch axis and whose z runs along the shaft.
+    """
+    shape, back = arm.instrument, float(arm.wrist_sign)  # from the wrist towards the remote centre
+    at_zero = frames(arm, np.zeros(6))
+    wrist_m = (at_zero[5].inverse() @ at_zero[6]).translation_m
+    length, half = shape.shaft_length_m, 0.5 * KNUCKLE_SHARE * shape.finger_width_m
+    sleeve, shaft = (shape.shaft_radius_m * SLEEVE_SHARE,), (shape.shaft_radius_m,)
+    return (
+        Part("sleeve", 4, "cylinder", _along_z(*(back * z for z in SLEEVE_M)), sleeve, STEEL),
+        Part("shaft", 4, "cylinder", _along_z(back * (SLEEVE_M[1] + 1e-3), back * length), shaft, CARBON),
+        Part("drive", 4, "box", _along_z(back * (length + 0.5 * DRIVE_M[2])), DRIVE_M, HOUSING),
+        Part("wrist", 5, "capsule", np.array([np.zeros(3), CLEVIS_SHARE * wrist_m]), (shape.wrist_radius_m,), STEEL),
+        Part("knuckle", 6, "cylinder", _along_z(half, -half), (shape.knuckle_radius_m,), STEEL),
+    )
+
+
+def _along_z(*z: float) -> Array:
+    return np.array([[0.0, 0.0, value] for value in z])

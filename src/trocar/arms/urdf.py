@@ -6,29 +6,24 @@ from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms.forward import frames
 from trocar.arms.model import ArmModel, Joint
-from trocar.arms.parts import CARBON, HOUSING, STEEL, Part, parts_of
 from trocar.arms.psm import PSM_CLASSIC
+from trocar.arms.solids import CARBON, HOUSING, STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 
 DVRK = {joint.name: f"outer_{joint.name}" for joint in PSM_CLASSIC.joints}
 """Names of the PSM's joints in the dVRK's own models."""
 BASE, TIP = "base_link", "tool_tip_link"
+TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 MATERIALS = {STEEL: "steel", CARBON: "carbon", HOUSING: "housing"}
-EFFORT = 100.0
-"""N m or N; no source gives the limits, but URDF requires them."""
-NOTHING = 1e-15
-"""Smaller values are written as 0."""
-DENSITY_KG_M3 = 1000.0
-"""Density of all solids (assumed; as in the simulator)."""
-OUTER_KG, OUTER_KG_M2 = 1.0, 1e-2
-"""Mass and inertia of links without solids, which are the arm's outer links (assumed)."""
-SMALL_KG, SMALL_KG_M2 = 1e-2, 1e-6
-"""Lighter links get this mass, at their middle, because simulators become unstable otherwise (assumed; as in
-Trocar's)."""
+EFFORT = 100.0  # N m or N; no source gives the limits, but URDF requires them
+NOTHING = 1e-15  # smaller values are written as 0
+LINK_KG, LINK_KG_M2 = 0.1, 1e-4
+"""Mass and inertia of every moving link, at its origin (assumed: no source gives them, but simulators need some)."""
 
 
 def joint_names(arm: ArmModel) -> tuple[str, ...]:
@@ -48,14 +43,14 @@ def arm_urdf(arm: ArmModel) -> str:
     robot = Element("robot", name=arm.name.replace("-", "_"))
     for rgb, name in MATERIALS.items():
         SubElement(SubElement(robot, "material", name=name), "color", rgba=_text((*rgb, 1)))
-    _add_link(robot, BASE, (), None)
+    _add_link(robot, BASE)
     at_zero, parent = frames(arm, np.zeros(6)), BASE
     for index, (joint, name) in enumerate(zip(arm.joints, joint_names(arm), strict=True)):
         parts = [part for part in parts_of(arm) if part.link == index + 1]
-        _add_link(robot, f"{name}_link", parts, _inertial(parts))
+        _add_link(robot, f"{name}_link", parts, moves=True)
         _add_joint(robot, name, joint, parent, at_zero[index].inverse() @ at_zero[index + 1])
         parent = f"{name}_link"
-    _add_link(robot, TIP, (), None)
+    _add_link(robot, TIP)
     fixed = SubElement(robot, "joint", name="tool_tip", type="fixed")
     _connect(fixed, parent, TIP, at_zero[6].inverse() @ at_zero[7])
     _add_jaws(robot, arm, parent)
@@ -66,31 +61,26 @@ def arm_urdf(arm: ArmModel) -> str:
 def _add_jaws(robot: Element, arm: ArmModel, parent: str) -> None:
     """Add the opening of the jaws as a joint, and the fingers that mimic it, each a box of its mean thickness."""
     shape, along_y = arm.instrument, SE3.from_parts(SO3.axis("z", np.pi / 2))  # a finger's x is y of frame 6
-    _add_link(robot, "jaw_link", (), (SMALL_KG, np.zeros(3), SMALL_KG_M2 * np.eye(3)))
+    _add_link(robot, "jaw_link", moves=True)
     _add_joint(robot, "jaw", arm.jaw, parent, along_y)
     thick = 0.5 * (shape.finger_base_m + shape.finger_tip_m)
     for name, side in (("jaw_left", 1), ("jaw_right", -1)):
         middle = np.array([[0.5 * shape.finger_length_m, 0.5 * side * thick, 0.0]])
         finger = Part(name, 6, "box", middle, (shape.finger_length_m, thick, shape.finger_width_m), STEEL)
-        _add_link(robot, f"{name}_link", (finger,), _inertial((finger,)))
+        _add_link(robot, f"{name}_link", (finger,), moves=True)
         lower, upper = sorted((0.5 * side * arm.jaw.lower, 0.5 * side * arm.jaw.upper))
         half = Joint(name, lower, upper, 0.5 * arm.jaw.max_speed, 0.5 * arm.jaw.max_acceleration)
         joint = _add_joint(robot, name, half, parent, along_y)
         SubElement(joint, "mimic", joint="jaw", multiplier=_text(0.5 * side), offset="0")
 
 
-def _add_link(
-    robot: Element, name: str, parts: Iterable[Part], inertial: tuple[float, NDArray, NDArray] | None
-) -> None:
-    """Add a link: its solids (visual and collision shapes alike), mass, centre of mass (3,) and inertia (3, 3)."""
+def _add_link(robot: Element, name: str, parts: Iterable[Part] = (), *, moves: bool = False) -> None:
+    """Add a link with its solids, visual and collision shapes alike; one that moves gets a mass."""
     link = SubElement(robot, "link", name=name)
-    if inertial is not None:
-        mass, middle, tensor = inertial
-        of_link = SubElement(link, "inertial")
-        _add_origin(of_link, SE3.from_parts(translation_m=middle))
-        SubElement(of_link, "mass", value=_text(mass))
-        entries = {f"i{'xyz'[i]}{'xyz'[j]}": _text(tensor[i, j]) for i in range(3) for j in range(i, 3)}
-        SubElement(of_link, "inertia", entries)
+    if moves:
+        inertial = SubElement(link, "inertial")
+        SubElement(inertial, "mass", value=_text(LINK_KG))
+        SubElement(inertial, "inertia", {f"i{xy}": _text(LINK_KG_M2 * (xy[0] == xy[1])) for xy in TENSOR})
     for part in parts:
         for number, (tag, sizes, T) in enumerate(_primitives(part)):
             for use in ("visual", "collision"):
@@ -106,46 +96,12 @@ def _primitives(part: Part) -> list[tuple[str, dict[str, str], SE3]]:
     if part.shape == "box":
         return [("box", {"size": _text(part.size_m)}, SE3.from_parts(translation_m=part.at_m[0]))]
     start, end = part.at_m
-    radius = {"radius": _text(part.size_m[0])}
-    found = [("cylinder", {**radius, "length": _text(np.linalg.norm(end - start))}, _along(part))]
+    length, radius = np.linalg.norm(end - start), {"radius": _text(part.size_m[0])}
+    along = SE3.from_parts(SO3.between(np.array([0.0, 0.0, 1.0]), (end - start) / length), 0.5 * (start + end))
+    found = [("cylinder", {**radius, "length": _text(length)}, along)]
     if part.shape == "capsule":
         found += [("sphere", radius, SE3.from_parts(translation_m=at)) for at in (start, end)]
     return found
-
-
-def _along(part: Part) -> SE3:
-    """Return the pose of a round solid: its middle, z along its axis."""
-    start, end = part.at_m
-    turn = SO3.between(np.array([0.0, 0.0, 1.0]), (end - start) / np.linalg.norm(end - start))
-    return SE3.from_parts(turn, 0.5 * (start + end))
-
-
-def _inertial(parts: Iterable[Part]) -> tuple[float, NDArray, NDArray]:
-    """Return mass, centre of mass (3,) and inertia about it (3, 3) of a link's solids, in its frame."""
-    found = []
-    for part in parts:
-        if part.shape == "box":
-            x, y, z = part.size_m
-            mass, turn, middle = DENSITY_KG_M3 * x * y * z, np.eye(3), part.at_m[0]
-            moments = mass / 12 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
-        else:
-            length, radius, pose = float(np.linalg.norm(part.at_m[1] - part.at_m[0])), part.size_m[0], _along(part)
-            mass, turn, middle = DENSITY_KG_M3 * np.pi * radius**2 * length, pose.rotation.matrix, pose.translation_m
-            across = mass * (3 * radius**2 + length**2) / 12
-            moments = np.array([across, across, 0.5 * mass * radius**2])
-        found.append((mass, middle, turn @ np.diag(moments) @ turn.T))
-    if not found:
-        return OUTER_KG, np.zeros(3), OUTER_KG_M2 * np.eye(3)
-    masses = np.array([mass for mass, _, _ in found])
-    total = float(masses.sum())
-    center = masses @ np.array([middle for _, middle, _ in found]) / total
-    if total < SMALL_KG:
-        return SMALL_KG, center, SMALL_KG_M2 * np.eye(3)
-    tensor = np.zeros((3, 3))
-    for mass, middle, own in found:
-        off = middle - center
-        tensor += own + mass * (off @ off * np.eye(3) - np.outer(off, off))
-    return total, center, tensor
 
 
 def _add_joint(robot: Element, name: str, joint: Joint, parent: str, T_parent_joint: SE3) -> Element:
@@ -168,7 +124,7 @@ def _add_origin(element: Element, T: SE3) -> None:
     SubElement(element, "origin", xyz=_text(T.translation_m), rpy=_text(roll_pitch_yaw(T.rotation)))
 
 
-def roll_pitch_yaw(rotation: SO3) -> NDArray[np.float64]:
+def roll_pitch_yaw(rotation: SO3) -> Array:
     """Return the angles (3,) with ``Rz(yaw) Ry(pitch) Rx(roll)`` = rotation; roll is 0 where pitch is 90 deg."""
     R = rotation.matrix
     level = float(np.hypot(R[0, 0], R[1, 0]))

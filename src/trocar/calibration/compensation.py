@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from trocar.calibration.models.base import CableModel, TrainingMotion, commands
+from trocar.calibration.models.base import CableModel, Invertible, TrainingMotion, commands
 from trocar.calibration.models.play import PlayModel
 from trocar.calibration.plant import WRIST
-from trocar.errors import InvalidInput
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
 REPLAY_S = 0.004
-"""Interval at which sent commands are replayed: the sharpest reversal of a wrist (25 rad/s^2) hides 5e-5 rad within
-it."""
+"""Sent commands are replayed at this interval: a wrist's sharpest reversal (25 rad/s^2) hides 5e-5 rad within it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,7 @@ class HysteresisState:
 
     model: CableModel
     state: Any
-    q_cmd: NDArray[np.float64]
+    q_cmd: Array
 
     @classmethod
     def at_rest(cls, model: CableModel, q_cmd: ArrayLike) -> Self:
@@ -44,11 +43,11 @@ class HysteresisState:
         (q,) = commands(np.asarray(q_cmd, dtype=np.float64)[None])
         return cls(model, model.start(q), q)
 
-    def joints(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def joints(self, q_cmd: Array) -> Array:
         """Return the joints (6,) if this command (6,) comes next."""
         return self.model.step(self.state, q_cmd)[0]
 
-    def step(self, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], HysteresisState]:
+    def step(self, q_cmd: Array) -> tuple[Array, HysteresisState]:
         """Return the joints (6,) after this command (6,), and the memory."""
         joints, state = self.model.step(self.state, q_cmd)
         return joints, replace(self, state=state, q_cmd=q_cmd) if self._is_sample(q_cmd) else self
@@ -65,70 +64,50 @@ class HysteresisState:
                 _, memory = memory.step(q)
         return memory
 
-    def along(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def along(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) after each of the commands (n, 6), one after the other."""
         memory, joints = self, np.empty_like(q_cmd)
         for row, q in enumerate(q_cmd):
             joints[row], memory = memory.step(q)
         return joints
 
-    def _is_sample(self, q_cmd: NDArray[np.float64]) -> bool:
+    def _is_sample(self, q_cmd: Array) -> bool:
         if self.model.rate_independent:
             return True
         interval = self.model.training.interval[WRIST]
         return bool(np.any(np.abs(q_cmd - self.q_cmd)[WRIST] >= np.where(interval > 0, interval, np.inf)))
 
 
-METHODS = ("auto", "exact", "algorithm1")
-
 ITERATIONS = 5
 ALPHA = 0.5
 """Iterations M and learning rate of Algorithm 1, as in the paper; a constant offset falls to (1 - alpha)^M = 3 %."""
 
-TOLERANCE_RAD = 1e-5
-"""The exact inverse stops at this residual: a hundredth of the repeatability of the best joint."""
+TOLERANCE_RAD = 1e-5  # the exact inverse stops at this residual: a hundredth of the repeatability of the best joint
 MAX_NEWTON_STEPS = 30
 MAX_NEWTON_STEP_RAD = 0.3
-"""In a dead zone a joint hardly follows its command and a Newton step explodes; the width of a full backlash is
-enough."""
+"""A full backlash: in a dead zone a joint hardly follows its command, and a Newton step would explode."""
 STALLED_RAD = 1e-3
 ESCAPES_RAD = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4)
-"""If Newton's method stalls in a dead zone, it restarts this far away, in the direction that the joints do not
-follow."""
+"""Where Newton's method stalls in a dead zone, it restarts this far away, as the joints do not follow."""
 DAMPING = 1e-4
 
 
-@runtime_checkable
-class Invertible(Protocol):
-    """A cable model that also provides the wrist's Jacobian, which the exact inverse needs."""
-
-    def linearize(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the joints (6,) after the command (6,), and the wrist's d q_joint / d q_cmd (3, 3)."""
-        ...
-
-
-def algorithm1(
-    model: CableModel,
-    state: Any,
-    q_desired: NDArray[np.float64],
-    iterations: int = ITERATIONS,
-    alpha: float = ALPHA,
-) -> NDArray[np.float64]:
+def algorithm1(model: CableModel, state: Any, q_desired: Array) -> Array:
     """Return the command (6,) by the paper's Algorithm 1: M times ``q_c += alpha (q_d - f(q_c; state))``."""
     q_cmd = q_desired
-    for _ in range(iterations):
-        q_cmd = q_cmd + alpha * (q_desired - model.step(state, q_cmd)[0])
+    for _ in range(ITERATIONS):
+        q_cmd = q_cmd + ALPHA * (q_desired - model.step(state, q_cmd)[0])
     return q_cmd
 
 
 def exact_inverse(
     model: Invertible,
     state: Any,
-    q_desired: NDArray[np.float64],
-    guess: NDArray[np.float64],
+    q_desired: Array,
+    guess: Array,
     tolerance_rad: float = TOLERANCE_RAD,
     stalled_rad: float = STALLED_RAD,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return the command (6,) whose predicted joints are ``q_desired``, and the prediction.
 
     Damped Newton steps with backtracking. The model is smooth except for kinks where a play operator starts to move,
@@ -154,11 +133,11 @@ def exact_inverse(
 def inverse(
     model: CableModel,
     state: Any,
-    q_desired: NDArray[np.float64],
-    guess: NDArray[np.float64],
+    q_desired: Array,
+    guess: Array,
     tolerance_rad: float = TOLERANCE_RAD,
     stalled_rad: float = STALLED_RAD,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the command (6,) for these joints: exact, from ``guess``, if the model allows it, else by Algorithm 1."""
     if isinstance(model, Invertible):
         return exact_inverse(model, state, q_desired, guess, tolerance_rad, stalled_rad)[0]
@@ -166,12 +145,8 @@ def inverse(
 
 
 def _newton(
-    model: Invertible,
-    state: Any,
-    q_desired: NDArray[np.float64],
-    guess: NDArray[np.float64],
-    tolerance_rad: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    model: Invertible, state: Any, q_desired: Array, guess: Array, tolerance_rad: float
+) -> tuple[Array, Array, Array]:
     """Return the command (6,) that damped Newton steps reach from ``guess``, its prediction and its Jacobian."""
     q_cmd = guess.copy()
     joints, jacobian = model.linearize(state, q_cmd)
@@ -201,13 +176,9 @@ def _newton(
 class Compensator:
     """Turns desired joints into commands along a path, and keeps the model's memory from call to call.
 
-    Method ``auto`` is the exact inverse if the model has one, else Algorithm 1. Models with a window (``lstm``,
+    The commands are exact if the model is ``Invertible``, else Algorithm 1's. Models with a window (``lstm``,
     ``ridge``) need samples as dense as in training: :func:`resample` the path first. The play model does not depend on
     the sampling.
-
-    Attributes:
-        model: the cable model.
-        method: ``'exact'`` or ``'algorithm1'``.
 
     Example:
         >>> import numpy as np
@@ -227,69 +198,34 @@ class Compensator:
         (5, 6)
     """
 
-    def __init__(
-        self,
-        model: CableModel,
-        method: str = "auto",
-        iterations: int = ITERATIONS,
-        alpha: float = ALPHA,
-    ):
-        if method not in METHODS:
-            raise InvalidInput(f"compensation method {method!r}", "is unknown", f"choose one of {', '.join(METHODS)}")
-        if iterations < 1 or not 0.0 < alpha <= 1.0:
-            raise InvalidInput(
-                "Algorithm 1",
-                f"cannot run {iterations} iterations with alpha {alpha}",
-                "give 1 or more iterations and an alpha in (0, 1]",
-            )
-        self._inverse = model if isinstance(model, Invertible) and method != "algorithm1" else None
-        if method == "exact" and self._inverse is None:
-            raise InvalidInput(f"model {model.name!r}", "has no exact inverse", "use method 'algorithm1'")
+    def __init__(self, model: CableModel):
         self.model = model
-        self.method = "algorithm1" if self._inverse is None else "exact"
-        self._iterations, self._alpha = iterations, alpha
         self._state: Any = None
-        self._started = False
-        self._error = np.zeros(6)
+        self._error: Array | None = None  # joints minus command, of the last command
 
     def start(self, q_cmd: ArrayLike) -> None:
         """Reset the memory: the arm has been at rest at this command (6,)."""
-        q = commands(np.asarray(q_cmd, dtype=np.float64)[None])[0]
+        (q,) = commands(np.asarray(q_cmd, dtype=np.float64)[None])
         self._state = self.model.start(q)
         self._error = self.model.step(self._state, q)[0] - q
-        self._started = True
 
-    def observe(self, q_cmd: ArrayLike) -> None:
-        """Update the memory with commands (n, 6) that were sent without compensation."""
-        for q in commands(q_cmd):
-            if not self._started:
-                self.start(q)
-            self._take(q)
-
-    def path(self, q_desired: ArrayLike) -> NDArray[np.float64]:
+    def path(self, q_desired: ArrayLike) -> Array:
         """Return the commands (n, 6) that move the joints along ``q_desired`` (n, 6), row by row.
 
-        Unless :meth:`start` or :meth:`observe` was called before, the arm is taken to be at rest at the first row.
+        Unless :meth:`start` was called before, the arm is taken to be at rest at the first row.
         """
         desired = commands(q_desired)
-        return np.array([self._point(q) for q in desired]).reshape(-1, 6)
-
-    def _point(self, q_desired: NDArray[np.float64]) -> NDArray[np.float64]:
-        if not self._started:
-            self.start(q_desired)
-        if self._inverse is not None:
-            q_cmd, _ = exact_inverse(self._inverse, self._state, q_desired, q_desired - self._error)
-        else:
-            q_cmd = algorithm1(self.model, self._state, q_desired, self._iterations, self._alpha)
-        self._take(q_cmd)
+        if self._error is None and len(desired):
+            self.start(desired[0])
+        q_cmd = np.empty_like(desired)
+        for row, q in enumerate(desired):
+            q_cmd[row] = inverse(self.model, self._state, q, q - self._error)
+            joints, self._state = self.model.step(self._state, q_cmd[row])
+            self._error = joints - q_cmd[row]
         return q_cmd
 
-    def _take(self, q_cmd: NDArray[np.float64]) -> None:
-        joints, self._state = self.model.step(self._state, q_cmd)
-        self._error = joints - q_cmd
 
-
-def sample_positions(q: ArrayLike, training: TrainingMotion) -> NDArray[np.float64]:
+def sample_positions(q: ArrayLike, training: TrainingMotion) -> Array:
     """Return the positions at which to sample a path (n, 6), as fractional row numbers from 0 to n - 1.
 
     Between two samples no joint moves farther than in the training motion on average. The given rows stay samples, so
@@ -303,7 +239,7 @@ def sample_positions(q: ArrayLike, training: TrainingMotion) -> NDArray[np.float
     return np.concatenate([*parts, [len(path) - 1.0]])
 
 
-def resample(q: ArrayLike, training: TrainingMotion) -> NDArray[np.float64]:
+def resample(q: ArrayLike, training: TrainingMotion) -> Array:
     """Return a path (n, 6) resampled to the training motion's interval in joint space (paper, IV-A)."""
     path = commands(q)
     at, rows = sample_positions(path, training), np.arange(len(path))

@@ -6,21 +6,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput
 from trocar.geometry import TURN
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 
 if TYPE_CHECKING:
     from trocar.arms import ArmModel
 
-SAMPLES = 1355
-"""Number of data points in the paper's recording, 18 minutes on the robot."""
-
-MOST_SAMPLES = 100_000
-"""Maximum number of samples of a path: a day on the robot."""
-
+SAMPLES = 1355  # number of data points in the paper's recording, 18 minutes on the robot
+MOST_SAMPLES = 100_000  # maximum number of samples of a path: a day on the robot
 HARMONICS = 40
 BAND = (0.1, 2.2)
 """Frequencies of a joint's motion relative to its pace. Slow components have large amplitudes and fast ones small,
@@ -31,8 +26,7 @@ SPREAD = 0.7
 STRAIGHT = 1e-6
 """A wave that runs through less of its range than this is straight; it gets no slower by a smaller piece of it."""
 
-WIDE_ROWS = 75
-"""Samples of a recording of wide swings: a minute."""
+WIDE_ROWS = 75  # samples of a recording of wide swings: a minute
 WIDE_CYCLES = (1.0, 2.0, 3.0)
 """How often the outer joints q1 q2 q3 go back and forth in such a recording: slowly, since large moves take time."""
 
@@ -42,17 +36,11 @@ EXERCISE_RAD = (0.35, 0.30, 0.30)
 
 @dataclass(frozen=True, eq=False)
 class MotionBox:
-    """Range and speed of a random motion.
+    """Range and speed of a random motion."""
 
-    Attributes:
-        lower: (6,) smallest command, rad and m (q3).
-        upper: (6,) largest command.
-        step: (6,) mean |dq| from sample to sample.
-    """
-
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    step: NDArray[np.float64]
+    lower: Array  # (6,) smallest command, rad and m (q3)
+    upper: Array  # (6,) largest command
+    step: Array  # (6,) mean |dq| from sample to sample
 
     def __post_init__(self) -> None:
         for name in ("lower", "upper", "step"):
@@ -71,35 +59,30 @@ PSM1_BOX = MotionBox(
     step=np.array([0.0085, 0.0136, 0.0018, 0.083, 0.057, 0.073]),
 )
 """Range and mean step of the recording psm1_grey_random."""
-PSM2_BOX = PSM1_BOX.mirrored()
-"""Its mirror image, which psm2_grey_random is, but for roll that ends at 1.57."""
+PSM2_BOX = PSM1_BOX.mirrored()  # its mirror image, which psm2_grey_random is, but for roll that ends at 1.57
 
 
-def random_smooth_path(
-    arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES, box: MotionBox = PSM1_BOX
-) -> NDArray[np.float64]:
+def random_smooth_path(arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES, box: MotionBox = PSM1_BOX) -> Array:
     """Return a random smooth path (n, 6) that wanders through the whole box and reverses often.
 
     Each joint is a sum of sinusoids of random frequency and phase, mapped to its range by the normal distribution
     function; its pace is scaled until the mean step is that of the box, or, of few samples, until it goes through its
     range once.
 
-    Raises:
-        TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
+    Raises TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
     return np.column_stack([_wander(rng, n, *ends) for ends in zip(box.lower, box.upper, box.step, strict=True)])
 
 
-def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> NDArray[np.float64]:
+def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> Array:
     """Return a path (n, 6) that reveals much about the cables in few samples: the wrist swings through its whole range.
 
     From sample to sample the wrist goes to the next point of a Sobol sequence. Most of its swings are wider than the
     play, so each sample shows the loops at another place; along a smooth path a joint reverses every eight samples, and
     in between all samples show the same side of its play (``benchmarks/bench_excitation.py``).
 
-    Raises:
-        TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
+    Raises TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
     from scipy.stats import qmc  # a second, for every command that knows stations
@@ -110,7 +93,7 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> N
     return box.lower + (box.upper - box.lower) * np.column_stack([outer, wrist])
 
 
-def slack_taken_up(arm: ArmModel, path: NDArray[np.float64]) -> NDArray[np.float64]:
+def slack_taken_up(arm: ArmModel, path: Array) -> Array:
     """Return commands (2 + n, 6): two that swing the wrist back and forth, which takes up its slack, then a path."""
     swing = np.append(np.zeros(3), EXERCISE_RAD)
     return np.concatenate([np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper), path])
@@ -121,14 +104,12 @@ def _check(arm: ArmModel, n: int, box: MotionBox) -> None:
         raise InvalidInput("a path", f"cannot have {n} samples", f"ask for 2 to {MOST_SAMPLES}")
     for joint, lower, upper in zip(arm.joints, box.lower, box.upper, strict=True):
         if not joint.lower <= lower < upper <= joint.upper:
-            raise InvalidInput(
-                f"the motion's range [{lower:.4f}, {upper:.4f}]",
-                f"of joint {joint.name!r} is not inside [{joint.lower:.4f}, {joint.upper:.4f}]",
-                f"choose a box within the limits of {arm.name}",
-            )
+            problem = f"of joint {joint.name!r} is not inside [{joint.lower:.4f}, {joint.upper:.4f}]"
+            remedy = f"choose a box within the limits of {arm.name}"
+            raise InvalidInput(f"the motion's range [{lower:.4f}, {upper:.4f}]", problem, remedy)
 
 
-def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> NDArray[np.float64]:
+def _wander(rng: np.random.Generator, n: int, lower: float, upper: float, step: float) -> Array:
     """Return one joint's path (n,) with this mean step."""
     from scipy.special import ndtr  # as above
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import piqp
 from numpy.typing import NDArray
 from scipy import sparse
 
 from trocar.arms import MotionLimits
+from trocar.errors import NoPlan
+from trocar.geometry.arrays import Array
+from trocar.motion.qp import Program
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +24,9 @@ class QuadraticSpline:
     and k + 2; weights (..., 3) of these give a position, a velocity or an acceleration. Bounds on velocities at the
     knots and on accelerations hold for the whole path, because velocity is linear in between; and the path stays
     between the least and the greatest of its control points.
-
-    Attributes:
-        times_s: (n + 1,) increasing knots, n of 2 or more.
     """
 
-    times_s: Array
+    times_s: Array  # (n + 1,) increasing knots, n of 2 or more
 
     @cached_property
     def steps_s(self) -> Array:
@@ -76,9 +73,7 @@ class QuadraticSpline:
         full speed in between if needed. (Full speed may be reached within an interval, which cannot be represented
         exactly; this is neglected.)
 
-        Args:
-            speed: at the start; low enough to stop within the path's time.
-            limits: of velocity and acceleration.
+        ``speed``: at the start; low enough to stop within the path's time; ``limits``: of velocity and acceleration.
         """
         since, push = (self.times_s - self.times_s[0])[:, None], limits.acceleration
         forward_s = (since[-1] - speed / push) / 2
@@ -101,14 +96,9 @@ class QuadraticSpline:
         return Trajectory(self.times_s, np.stack([self.at(self.acceleration, within, points) / 2, v, q]))
 
 
-Array = NDArray[np.float64]
-
-HEADROOM = 1e-7
-"""Share of the limits that stays unused, to allow for rounding by the solver and the checks."""
-PRECISION = 1e-8
-"""Precision of the solver, as a share of the limits."""
-ROOM = 5e-8
-"""Commands stay this far (rad, m) inside their ranges, for the same reason."""
+HEADROOM = 1e-7  # share of the limits that stays unused, to allow for rounding by the solver and the checks
+PRECISION = 1e-8  # precision of the solver, as a share of the limits
+ROOM = 5e-8  # commands stay this far (rad, m) inside their ranges, for the same reason
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,24 +107,15 @@ class LimitedPaths:
 
     A path is defined by its free control points x (m, 6): all but the first two, which the start fixes, and the last,
     which is the same as the one before it because the path ends at rest.
-
-    Attributes:
-        spline: over n intervals; m = n - 1.
-        q_start: (6,) where the path starts, rad and m.
-        velocity_start: (6,) and how fast, per s.
-        limits: of velocity and acceleration.
-        lower: (6,) least position.
-        upper: (6,) greatest position.
-        weights_s: (n + 1,) weight of an error at each knot, about the time that the knot represents.
     """
 
-    spline: QuadraticSpline
-    q_start: Array
-    velocity_start: Array
+    spline: QuadraticSpline  # over n intervals; m = n - 1
+    q_start: Array  # (6,) where the path starts, rad and m
+    velocity_start: Array  # (6,) and how fast, per s
     limits: MotionLimits
-    lower: Array
-    upper: Array
-    weights_s: Array
+    lower: Array  # (6,) least position
+    upper: Array  # (6,) greatest position
+    weights_s: Array  # (n + 1,) weight of an error at each knot, about the time that the knot represents
 
     def points(self, x: Array) -> Array:
         """Return all control points (n + 2, 6)."""
@@ -150,12 +131,7 @@ class LimitedPaths:
         return self._position.T @ (self.weights_s[:, None] * errors)
 
     def hessian(self, nearness: Array, smoothness: Array) -> sparse.csc_matrix:
-        """Return the Hessian (6 m, 6 m), joint by joint, of positions' and accelerations' weighted squares.
-
-        Args:
-            nearness: (6,) weight of a joint's error.
-            smoothness: (6,) weight of its acceleration.
-        """
+        """Return the Hessian (6 m, 6 m), joint by joint, of weighted (6,) squares of positions and of accelerations."""
         free = len(self.spline.steps_s) - 1
         shift = free * np.arange(6)[:, None]
         parts = [(nearness, self._near), (smoothness, self._smooth)]
@@ -175,24 +151,18 @@ class LimitedPaths:
         return self._at_start(self.spline.position)
 
     def solve(self, hessian: sparse.csc_matrix, gradient: Array) -> Array | None:
-        """Return the free control points (m, 6) that minimise ``x H x / 2 + g x``; None if no path is allowed.
-
-        Args:
-            hessian: (6 m, 6 m), joint by joint.
-            gradient: (m, 6) at x = 0.
-        """
+        """Return the free control points (m, 6) that minimise ``x H x / 2 + g x``; None if no path is allowed."""
         size = float(hessian.diagonal().mean())
         scaled, linear = hessian / size, gradient.T.ravel() / size
         lower, upper = self.lower + ROOM, self.upper - ROOM
         # The ranges are so rarely active that it is faster to try without them first.
-        for box in (None, tuple(np.repeat(bound, len(gradient)) for bound in (lower, upper))):
-            solver = piqp.SparseSolver()
-            solver.settings.eps_abs = PRECISION
-            solver.settings.eps_rel = PRECISION / 10
-            solver.setup(scaled, linear, None, None, *self._bounds, *(box or (None, None)))
-            if solver.solve() != piqp.PIQP_SOLVED:
+        for box in ((None, None), tuple(np.repeat(bound, len(gradient)) for bound in (lower, upper))):
+            program = Program("commands", scaled, linear, *box, precision=PRECISION, relative=PRECISION / 10)
+            program.keep("velocity and acceleration", *self._bounds)
+            try:
+                x = program.least().reshape(6, -1).T.copy()
+            except NoPlan:
                 return None
-            x = solver.result.x.reshape(6, -1).T.copy()
             if np.all((x >= lower) & (x <= upper)):
                 break
         return x
@@ -225,7 +195,7 @@ class LimitedPaths:
         return (self._acceleration.T @ self._acceleration.multiply(self.spline.steps_s[:, None])).tocoo()
 
     @cached_property
-    def _bounds(self) -> tuple[sparse.csc_matrix, Array, Array]:
+    def _bounds(self) -> tuple[sparse.csr_matrix, Array, Array]:
         """Return constraint rows with their bounds: accelerations, and velocities that could exceed their limits."""
         speeds, pushes = ((1 - HEADROOM) * limit for limit in (self.limits.velocity, self.limits.acceleration))
         duration = self.spline.times_s[-1] - self.spline.times_s[0]
@@ -239,7 +209,7 @@ class LimitedPaths:
             blocks.append(self._matrix(weights / limit, intervals, 6 * free, joint * free))
             zeros.append(self.spline.at(weights / limit, intervals, self._start[:, joint, None])[:, 0])
         zero = np.concatenate(zeros)
-        return sparse.csc_matrix(sparse.vstack(blocks)), -1.0 - zero, 1.0 - zero
+        return sparse.csr_matrix(sparse.vstack(blocks)), -1.0 - zero, 1.0 - zero
 
     def _matrix(
         self, weights: Array, intervals: NDArray[np.int64] | None = None, width: int = 0, shift: int = 0

@@ -9,12 +9,13 @@ import numpy as np
 import optax
 from numpy.typing import NDArray
 
+from trocar.geometry.arrays import Array
+
 EPOCHS = 60
 BATCH = 64
 LEARNING_RATE = 1e-3
 WEIGHT_DECAY = 0.1
-AVERAGING = 0.99
-"""Weight of the past, per update, in the running average of the parameters, which is returned."""
+AVERAGING = 0.99  # weight of the past, per update, in the running average of the parameters, which is returned
 JITTER = np.array([0.7, 0.7, 0.7, 0.05, 0.05, 0.05])
 """SD of the noise added to the standardised commands q1 to q6 in training. The outer joints do not move the wrist's
 cables; without much noise on them, the network recognises the moment of the recording instead of learning the motion.
@@ -44,9 +45,7 @@ class Network(eqx.Module):
         return self.out(jax.nn.relu(self.dense2(layer)))
 
 
-def train(
-    x: NDArray[np.float64], y: NDArray[np.float64], hidden: int, rng: np.random.Generator
-) -> dict[str, NDArray[np.float32]]:
+def train(x: Array, y: Array, hidden: int, rng: np.random.Generator) -> dict[str, NDArray[np.float32]]:
     """Return the averaged weights of a network trained on windows (n, steps, 6) and targets (n, 6): MSE, AdamW."""
     network = Network(x.shape[2], hidden, y.shape[1], jax.random.key(int(rng.integers(2**31))))
     batch = min(BATCH, len(x))

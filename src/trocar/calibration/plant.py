@@ -5,37 +5,29 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 
-WRIST = slice(3, 6)
-"""The joints q4 q5 q6 (roll, pitch, yaw) whose cables run through the shaft."""
-
+WRIST = slice(3, 6)  # the joints q4 q5 q6 (roll, pitch, yaw) whose cables run through the shaft
 PlayState = tuple[float, float, float]
 """Outputs of the three play operators (roll, pitch, yaw) in rad: the whole memory of a plant."""
 
-FEW = 4
-"""For up to this many operators, a loop over plain floats is ten times faster than one over small arrays."""
-
+FEW = 4  # for up to this many operators, a loop over plain floats is ten times faster than one over small arrays
 _SHAPES = {"radii": (3,), "offset": (3,), "K": (3, 3), "C": (3, 3), "noise_sd": (6,)}
 
 
-def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None) -> NDArray[np.float64]:
+def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None) -> Array:
     """Return the play operator of a sequence, ``P_t = clip(P_{t-1}, u_t - r, u_t + r)``: an exact model of backlash.
 
     The slack ``u - P`` lies in [-r, r]. It depends on past reversals, not on the rate.
 
     Args:
         u: (n, ...) inputs over time, in rad.
-        radii: half-widths r of the backlash in rad, broadcast against the inputs' trailing shape:
-            inputs (n, 3, 1) and radii (3, 4) give (n, 3, 4).
+        radii: half-widths r of the backlash in rad; inputs (n, 3, 1) and radii (3, 4) give outputs (n, 3, 4).
         start: state P before the first sample; None starts without slack.
-
-    Returns:
-        (n, ...) outputs P.
 
     Raises:
         InvalidInput: a radius is negative or the inputs are not finite.
@@ -49,7 +41,7 @@ def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None
     out = np.empty_like(low)
     if not len(u):
         return out
-    state: NDArray[np.float64] = np.broadcast_to(u[0] if start is None else np.asarray(start), low.shape[1:])
+    state: Array = np.broadcast_to(u[0] if start is None else np.asarray(start), low.shape[1:])
     if state.size <= FEW:
         for index in np.ndindex(*state.shape):
             column = (slice(None), *index)
@@ -76,26 +68,16 @@ class CablePlant:
 
     ``q_joint = q_cmd + [0, e]`` with ``e = offset + K [q4 q5 q6] + C s``, where s are the slacks ``u - P(u)`` of play
     operators on ``u = [q4, q5 + a q6, q6 + b q5]``. The outer joints q1 q2 q3 are assumed to be exact.
-
-    Attributes:
-        radii: (3,) half-width of the backlash of roll, pitch, yaw in rad.
-        a: share of yaw in the motion of the pitch cable.
-        b: share of pitch in the motion of the yaw cable.
-        offset: (3,) constant error of q4 q5 q6 in rad; it changes from session to session.
-        K: (3, 3) error per rad of command (elastic coupling); rows are the joints in error.
-        C: (3, 3) error per rad of slack.
-        noise_sd: (6,) SD of fiducial measurements of the six joints (rad, q3 in m); see :meth:`measure`.
-        source: origin of the values.
     """
 
-    radii: NDArray[np.float64]
-    a: float
-    b: float
-    offset: NDArray[np.float64]
-    K: NDArray[np.float64]
-    C: NDArray[np.float64]
-    noise_sd: NDArray[np.float64]
-    source: str
+    radii: Array  # (3,) half-width of the backlash of roll, pitch, yaw in rad
+    a: float  # share of yaw in the motion of the pitch cable
+    b: float  # share of pitch in the motion of the yaw cable
+    offset: Array  # (3,) constant error of q4 q5 q6 in rad; it changes from session to session
+    K: Array  # (3, 3) error per rad of command (elastic coupling); rows are the joints in error
+    C: Array  # (3, 3) error per rad of slack
+    noise_sd: Array  # (6,) SD of measurements of the six joints by fiducials, rad and m (q3)
+    source: str  # origin of the values
 
     def __post_init__(self) -> None:
         for name, shape in _SHAPES.items():
@@ -112,7 +94,7 @@ class CablePlant:
         """Return the same cables with the offset (3,) of q4 q5 q6 in rad of another session."""
         return replace(self, offset=np.asarray(offset, dtype=np.float64))
 
-    def inputs(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inputs(self, q_cmd: Array) -> Array:
         """Return the inputs of the play operators, ``[q4, q5 + a q6, q6 + b q5]``; (..., 6) -> (..., 3)."""
         q4, q5, q6 = q_cmd[..., 3], q_cmd[..., 4], q_cmd[..., 5]
         return np.stack([q4, q5 + self.a * q6, q6 + self.b * q5], axis=-1)
@@ -122,7 +104,7 @@ class CablePlant:
         u4, u5, u6 = self.inputs(np.asarray(q_cmd, dtype=np.float64)).tolist()
         return (u4, u5, u6)
 
-    def step(self, state: PlayState, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], PlayState]:
+    def step(self, state: PlayState, q_cmd: Array) -> tuple[Array, PlayState]:
         """Return the joints (6,) after the command (6,), and the new state; takes a few microseconds."""
         # plain floats: NumPy's overhead on three numbers would dominate
         q1, q2, q3, q4, q5, q6 = q_cmd.tolist()
@@ -138,7 +120,7 @@ class CablePlant:
         )
         return np.array([q1, q2, q3, q4 + e4, q5 + e5, q6 + e6]), (p4, p5, p6)
 
-    def run(self, q_cmd: ArrayLike) -> NDArray[np.float64]:
+    def run(self, q_cmd: ArrayLike) -> Array:
         """Return the joints (n, 6) for a sequence of commands (n, 6) that starts without slack."""
         q = finite("a plant's commands", q_cmd, "n", 6)
         u = self.inputs(q)
@@ -147,7 +129,7 @@ class CablePlant:
         joints[:, WRIST] += self.offset + q[:, WRIST] @ self.K.T + slack @ self.C.T
         return joints
 
-    def measure(self, q_joint: ArrayLike, rng: np.random.Generator) -> NDArray[np.float64]:
+    def measure(self, q_joint: ArrayLike, rng: np.random.Generator) -> Array:
         """Return joints (..., 6) as fiducials would measure them, with independent Gaussian noise."""
         q = np.asarray(q_joint, dtype=np.float64)
         return q + self.noise_sd * rng.standard_normal(q.shape)
@@ -204,17 +186,10 @@ PLANTS: dict[str, CablePlant] = {"psm1_grey": PSM1_GREY, "psm2_grey": PSM2_GREY,
 """Identified instruments by name."""
 
 
-def play_slacks(
-    q_cmd: NDArray[np.float64], a: float, b: float, radii: NDArray[np.float64], start: ArrayLike = 0.0
-) -> NDArray[np.float64]:
+def play_slacks(q_cmd: Array, a: float, b: float, radii: Array, start: ArrayLike = 0.0) -> Array:
     """Return the slacks (n, 3, k) of ``[q4, q5 + a q6, q6 + b q5]`` at radii (3, k), commands (n, 6).
 
-    Args:
-        q_cmd: one after the other, from the first one that the arm was at rest at.
-        a: share of yaw in the motion of the pitch cable.
-        b: share of pitch in the motion of the yaw cable.
-        radii: of the play operators, rad.
-        start: slacks, broadcast to (3, k), at the first command, rad.
+    The arm was at rest at the first command, with the slacks ``start``, broadcast to (3, k); all in rad.
     """
     q4, q5, q6 = q_cmd[:, 3], q_cmd[:, 4], q_cmd[:, 5]
     u = np.stack([q4, q5 + a * q6, q6 + b * q5], axis=1)[:, :, None]
@@ -233,13 +208,13 @@ def fit_plant(recording: Recording) -> CablePlant:
 
     error = (recording.q_phy - q)[:, WRIST][valid]
 
-    def solve(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def solve(x: Array) -> tuple[Array, Array]:
         slack = play_slacks(q, x[3], x[4], np.abs(x[:3, None]))[:, :, 0]
         features = np.column_stack([np.ones(len(q)), q[:, WRIST], slack])[valid]
         weights = np.asarray(np.linalg.lstsq(features, error, rcond=None)[0], dtype=np.float64)
         return weights, error - features @ weights
 
-    def cost(x: NDArray[np.float64]) -> float:
+    def cost(x: Array) -> float:
         return float(np.log(np.mean(solve(x)[1] ** 2, axis=0) + 1e-12).sum())
 
     options = {"maxiter": 300, "xatol": 1e-3, "fatol": 1e-3}
@@ -247,13 +222,5 @@ def fit_plant(recording: Recording) -> CablePlant:
     fits = [minimize(cost, x0, method="Nelder-Mead", options=options) for x0 in starts]
     x = min(fits, key=lambda fit: fit.fun).x
     weights, _ = solve(x)
-    return CablePlant(
-        radii=np.abs(x[:3]),
-        a=float(x[3]),
-        b=float(x[4]),
-        offset=weights[0],
-        K=weights[1:4].T,
-        C=weights[4:7].T,
-        noise_sd=_GREY_NOISE,
-        source=f"fitted on {recording.name}",
-    )
+    radii, shares, linear = np.abs(x[:3]), (float(x[3]), float(x[4])), (weights[0], weights[1:4].T, weights[4:7].T)
+    return CablePlant(radii, *shares, *linear, _GREY_NOISE, f"fitted on {recording.name}")

@@ -17,12 +17,12 @@ from trocar.files.csv_file import TIMES, read_csv
 from trocar.files.output import mark_zip, writing
 from trocar.files.reading import UNREADABLE, parsed_json, read_arrays
 from trocar.geometry import shown
+from trocar.geometry.arrays import Array
 from trocar.notebook import table
 
 JOINT_NAMES = ("q1", "q2", "q3", "q4", "q5", "q6")
 """Outer yaw, outer pitch [rad], insertion [m], roll, wrist pitch, wrist yaw [rad]."""
 JOINT_UNITS = ("rad", "rad", "m", "rad", "rad", "rad")
-
 FOLDER_FILES = (("q_cmd.npy", "q_phy.npy"), ("q_des.npy", "q_act.npy"))
 """Pairs of files (commanded, measured) that a folder may contain."""
 
@@ -30,10 +30,8 @@ COMMANDED, MEASURED = (
     tuple(f"{name}_{kind}_{unit}" for name, unit in zip(JOINT_NAMES, JOINT_UNITS, strict=True))
     for kind in ("commanded", "measured")
 )
-VALID = "valid"
-"""Columns of a CSV file, besides one of times."""
+VALID = "valid"  # columns of a CSV file, besides one of times
 EXAMPLE = f"time_s,{COMMANDED[0]},...,{COMMANDED[-1]},{MEASURED[0]},...,{MEASURED[-1]}"
-
 NO_MOTION_RAD = 1e-6
 MISDETECTION_RAD = 1.0
 """Cable errors of the wrist stay below .6 rad; a measurement this far from its command is a misdetected pose."""
@@ -53,42 +51,41 @@ class Recording:
         name: name of the recording in tables.
     """
 
-    q_cmd: NDArray[np.float64]
-    q_phy: NDArray[np.float64]
+    q_cmd: Array
+    q_phy: Array
     valid: NDArray[np.bool_]
-    t_s: NDArray[np.float64]
+    t_s: Array
     name: str = "recording"
 
     def __post_init__(self) -> None:
-        q_cmd, q_phy = (self._checked(key, "(n, 6) numbers q1 to q6") for key in ("q_cmd", "q_phy"))
+        def refuse(problem: str, remedy: str) -> InvalidInput:
+            return InvalidInput(self.name, problem, remedy)
+
+        def checked(key: str, kinds: str, shape: tuple[int, ...], wanted: str) -> Array:
+            value = np.asarray(getattr(self, key))
+            if value.shape != shape or value.dtype.kind not in kinds:
+                raise refuse(f"has {key} of shape {value.shape} of {value.dtype}", f"it needs {wanted}")
+            return value.astype(np.float64)
+
+        lengths = {key: len(getattr(self, key)) if np.ndim(getattr(self, key)) else 0 for key in ("q_cmd", "q_phy")}
+        q_cmd, q_phy = (checked(key, "fiu", (n, 6), "(n, 6) numbers q1 to q6") for key, n in lengths.items())
         n = len(q_cmd)
         if len(q_phy) != n:
-            problem = f"has {n} rows of q_cmd and {len(q_phy)} of q_phy"
-            raise InvalidInput(self.name, problem, "both need one row per sample")
+            raise refuse(f"has {n} rows of q_cmd and {len(q_phy)} of q_phy", "both need one row per sample")
         if n < 2:
-            raise InvalidInput(self.name, f"has {n} rows", "a recording needs 2 or more: record a longer motion")
+            raise refuse(f"has {n} rows", "a recording needs 2 or more: record a longer motion")
         if not np.all(np.isfinite(q_cmd)):
             row = int(np.flatnonzero(~np.isfinite(q_cmd).all(axis=1))[0])
             remedy = "models need the whole history of commands, so repair the row or cut the recording there"
-            raise InvalidInput(self.name, f"has a q_cmd that is not finite at row {row}", remedy)
-        valid, t_s = (self._checked(key, f"({n},) numbers, one per row", (n,)) for key in ("valid", "t_s"))
+            raise refuse(f"has a q_cmd that is not finite at row {row}", remedy)
+        valid, t_s = (checked(key, "bfiu", (n,), f"({n},) numbers, one per row") for key in ("valid", "t_s"))
         if not np.all(np.isin(valid, (0, 1))):
-            problem = "has other values of valid than true or false"
-            raise InvalidInput(self.name, problem, "write 1 for good rows, else 0")
+            raise refuse("has other values of valid than true or false", "write 1 for good rows, else 0")
         if not np.all(np.isfinite(t_s)) or np.any(np.diff(t_s) < 0):
-            raise InvalidInput(self.name, "has times t_s that are not finite or decrease", "sort the rows by time")
-        object.__setattr__(self, "q_cmd", q_cmd)
-        object.__setattr__(self, "q_phy", q_phy)
-        object.__setattr__(self, "valid", valid.astype(bool) & _plausible(q_cmd, q_phy))
-        object.__setattr__(self, "t_s", t_s)
-
-    def _checked(self, key: str, wanted: str, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-        """Return an attribute as float64 of a shape; by default (n, 6)."""
-        value = np.asarray(getattr(self, key))
-        kinds = "bfiu" if shape else "fiu"
-        if value.shape != (shape or (len(value) if value.ndim else 0, 6)) or value.dtype.kind not in kinds:
-            raise InvalidInput(self.name, f"has {key} of shape {value.shape} of {value.dtype}", f"it needs {wanted}")
-        return value.astype(np.float64)
+            raise refuse("has times t_s that are not finite or decrease", "sort the rows by time")
+        plausible = valid.astype(bool) & _plausible(q_cmd, q_phy)
+        for key, value in (("q_cmd", q_cmd), ("q_phy", q_phy), ("valid", plausible), ("t_s", t_s)):
+            object.__setattr__(self, key, value)
 
     def __len__(self) -> int:
         return len(self.q_cmd)
@@ -98,7 +95,7 @@ class Recording:
         return f"<Recording {self.name!r}: {len(self)} rows over {lasts_s:.1f} s, {valid} valid>"
 
     def _repr_html_(self) -> str:
-        error, rows = (self.q_phy - self.q_cmd)[self.valid], []
+        error, rows = self.errors[self.valid], []
         for j, (name, unit) in enumerate(zip(JOINT_NAMES, JOINT_UNITS, strict=True)):
             ends = [shown(value, unit) for value in (self.q_cmd[:, j].min(), self.q_cmd[:, j].max())]
             off = [shown(v, unit, ".2f") for v in (error[:, j].mean(), error[:, j].std())] if len(error) else ["", ""]
@@ -107,7 +104,7 @@ class Recording:
         return table(self, columns, rows)
 
     @property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Array:
         """Return measured minus commanded joints (n, 6), rad and m; meaningless where not valid."""
         return self.q_phy - self.q_cmd
 
@@ -132,16 +129,14 @@ class Recording:
             raise InvalidInput(f"row {rows}", f"is outside 2..{len(self)}, the rows of {self.name}")
         return Recording(self.q_cmd[:rows], self.q_phy[:rows], self.valid[:rows], self.t_s[:rows], self.name)
 
-    def scored(self, from_row: int = 0, to_row: int | None = None) -> Recording:
-        """Return the recording with all commands, but only the measurements of ``from_row <= row < to_row`` valid."""
-        to_row = len(self) if to_row is None else to_row
-        item = f"rows {from_row} to {to_row} of {self.name}"
-        if not 0 <= from_row < to_row <= len(self):
-            raise InvalidInput(item, f"are not within its {len(self)} rows")
-        rows = np.arange(len(self))
-        part = replace(self, valid=self.valid & (rows >= from_row) & (rows < to_row))
+    def scored(self, from_row: int = 0) -> Recording:
+        """Return the recording with all commands, but only the measurements from a row on valid."""
+        if not 0 <= from_row < len(self):
+            raise InvalidInput(f"row {from_row}", f"is not within the {len(self)} rows of {self.name}")
+        part = replace(self, valid=self.valid & (np.arange(len(self)) >= from_row))
         if not part.valid.any():
-            raise InvalidInput(item, "have no valid measurement", "take more rows")
+            problem = f"has no valid measurement from row {from_row} on"
+            raise InvalidInput(self.name, problem, "take more rows")
         return part
 
     def require_motion(self) -> None:
@@ -149,12 +144,9 @@ class Recording:
         for joint in (3, 4, 5):
             q = self.q_cmd[self.valid, joint]
             if len(q) and np.ptp(q) < NO_MOTION_RAD:
-                raise InvalidInput(
-                    self.name,
-                    f"shows nothing about the cable of {JOINT_NAMES[joint]}, which rests at {q[0]:.4f} rad in all "
-                    f"{len(q)} valid rows",
-                    "give a recording in which all joints of the wrist move",
-                )
+                rests = f"which rests at {q[0]:.4f} rad in all {len(q)} valid rows"
+                problem = f"shows nothing about the cable of {JOINT_NAMES[joint]}, {rests}"
+                raise InvalidInput(self.name, problem, "give a recording in which all joints of the wrist move")
 
     def why_invalid(self) -> str:
         """Return how many rows do not count and by which rule; empty if all count."""
@@ -212,7 +204,7 @@ def looks_like_recording(path: str | Path) -> bool:
         return False
 
 
-def _plausible(q_cmd: NDArray[np.float64], q_phy: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _plausible(q_cmd: Array, q_phy: Array) -> NDArray[np.bool_]:
     """Return which measurements (n,) are finite and not misdetections."""
     error = np.nan_to_num(np.abs(q_phy - q_cmd), nan=np.inf)
     return np.isfinite(q_phy).all(axis=1) & (error[:, 3:].max(axis=1) < MISDETECTION_RAD)
@@ -242,7 +234,8 @@ def _npz_arrays(path: Path) -> dict[str, NDArray[Any]]:
     if missing and (kind := _archive_kind(path)):
         raise BadFile(path, f"is a {kind!r}, not a recording", "give one with q_cmd and q_phy")
     if missing:
-        problem = f"lacks {' and '.join(missing)}, it has {', '.join(filter(None, arrays)) or 'nothing'}"
+        has = ", ".join(filter(None, arrays)) or "nothing"
+        problem = f"lacks {' and '.join(missing)}, it has {has}"
         raise _bad(path, problem, "it needs q_cmd and q_phy (optional: valid, t_s)")
     return arrays
 
@@ -259,7 +252,7 @@ def _archive_kind(path: Path) -> str:
 def _folder_arrays(folder: Path) -> dict[str, NDArray[Any]]:
     for pair in FOLDER_FILES:
         if all((folder / name).exists() for name in pair):
-            files = dict(zip(("q_cmd", "q_phy"), pair, strict=True)) | {"valid": "valid.npy", "t_s": "t_s.npy"}
+            files = dict(zip(("q_cmd", "q_phy", "valid", "t_s"), (*pair, "valid.npy", "t_s.npy"), strict=True))
             return {key: _npy_array(folder / name) for key, name in files.items() if (folder / name).exists()}
     pairs = " or ".join(f"{commanded} and {measured}" for commanded, measured in FOLDER_FILES)
     raise BadFile(folder, f"does not hold {pairs}", "give another folder, or an .npz or .csv file", kind="folder")

@@ -7,20 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.calibration.evaluation import Evaluation, evaluate
-from trocar.calibration.fitting import REFIT_ROWS, refit_ends, refit_offset
+from trocar.calibration.evaluation import REFIT_ROWS, Evaluation, evaluate, refit_ends, refit_offset
 from trocar.calibration.models import MODELS
 from trocar.calibration.models.base import CableModel
 from trocar.calibration.recording import Recording, load_recording
 from trocar.errors import InvalidInput
+from trocar.geometry.arrays import Array
 
-TABLE_1_ROWS = 1000
-"""Number of valid rows of a recording on which Table I is computed."""
-
-TRAINING_SHARE = 0.8
-"""Models are fitted on this first share of a recording and evaluated on the rest."""
+TABLE_1_ROWS = 1000  # number of valid rows of a recording on which Table I is computed
+TRAINING_SHARE = 0.8  # models are fitted on this first share of a recording and evaluated on the rest
 
 TABLE_1 = {
     "psm1_grey_random": {
@@ -72,20 +68,17 @@ SESSION_RECORDING = "psm1_grey_pick_place"
 class SessionChange:
     """Errors of a model in another session: RMSE of q4 q5 q6 [rad], evaluated after the rows of the refit."""
 
-    uncorrected: NDArray[np.float64]
-    before: NDArray[np.float64]
-    after: NDArray[np.float64]
+    uncorrected: Array
+    before: Array
+    after: Array
     refit_rows: int
     rows: int
 
 
-def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, NDArray[np.float64]]:
-    """Return RMSE, SD and Max (6,) of |q_phy - q_cmd| over the first valid rows, as in the paper's Table I.
-
-    The paper's SD is the standard deviation of the error's magnitude.
-    """
+def table_1(recording: Recording, rows: int = TABLE_1_ROWS) -> dict[str, Array]:
+    """Return RMSE, SD (of the magnitude) and Max (6,) of |q_phy - q_cmd| over the first valid rows: Table I."""
     good = np.flatnonzero(recording.valid)[:rows]
-    error = np.abs(recording.q_phy - recording.q_cmd)[good]
+    error = np.abs(recording.errors)[good]
     return {"RMSE": np.sqrt(np.mean(error**2, axis=0)), "SD": error.std(axis=0), "Max": error.max(axis=0)}
 
 
@@ -105,23 +98,16 @@ def session_change(model: CableModel, recording: Recording, rows: int = REFIT_RO
 
 
 def load_study_recordings(data: str | Path, names: Sequence[str]) -> dict[str, Recording]:
-    """Return the recordings by name, from a folder of ``.npz`` or ``.csv`` files or from its ``dvrk/trajectories``.
-
-    Raises:
-        TrocarError: the folder lacks one of them, or one cannot be read.
-    """
+    """Return the recordings by name, from a folder or its ``dvrk/trajectories`` (TrocarError: one is missing)."""
     data = Path(data)
     inner = data / "dvrk" / "trajectories"
     data = inner if inner.is_dir() else data
     files = {name: [path for path in (data / f"{name}.npz", data / f"{name}.csv") if path.is_file()] for name in names}
     missing = [name for name, found in files.items() if not found]
     if missing:
-        raise InvalidInput(
-            f"folder {str(data)!r}",
-            f"lacks the recordings {', '.join(missing)} (.npz or .csv)",
-            "give their folder with --data or TROCAR_DATA (docs/calibration.md, 'Public recordings': where they are "
-            "and how to convert them)",
-        )
+        where = "(docs/calibration.md, 'Public recordings': where they are and how to convert them)"
+        problem = f"lacks the recordings {', '.join(missing)} (.npz or .csv)"
+        raise InvalidInput(f"folder {str(data)!r}", problem, f"give their folder with --data or TROCAR_DATA {where}")
     return {name: load_recording(found[0]) for name, found in files.items()}
 
 

@@ -86,7 +86,7 @@ def _measured(
 ) -> tuple[tuple[str, ...], np.ndarray, float, ArmModel | None]:
     """Return names, positions (n, k), the step in s and, where the six joints of an arm are given, its model."""
     from trocar.arms import ARMS, PSM_CLASSIC
-    from trocar.motion.analysis import read_joint_table
+    from trocar.motion.joint_table import read_joint_table
 
     if path.suffix == ".npz":
         return _of_trial(path, arm)

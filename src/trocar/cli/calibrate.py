@@ -15,7 +15,7 @@ from trocar.cli.out_folder import require_file
 from trocar.cli.progress import waiting
 from trocar.cli.terminal import rich_table
 from trocar.counting import counted
-from trocar.errors import InvalidInput, InvalidValue
+from trocar.errors import InvalidInput
 from trocar.files.output import require_picture, write_table
 
 RecordingPath = Annotated[
@@ -52,8 +52,7 @@ def fit(
 ) -> Result:
     """Fit a cable model to a recording; with a prior, a minute of it is enough."""
     from trocar.calibration.fleet import fit_from_prior, load_prior  # SciPy only when needed
-    from trocar.calibration.models import MODELS, save_model
-    from trocar.calibration.models.files import FORMAT
+    from trocar.calibration.models import FORMAT, MODELS, save_model
     from trocar.calibration.recording import load_recording
 
     kind = MODELS.pick(model)
@@ -101,9 +100,8 @@ def evaluate(
 
     Its memory runs over all rows, whatever K is. The picture shows joints and hysteresis loops.
     """
+    from trocar.calibration.evaluation import draw_evaluation, refit_ends, refit_offset
     from trocar.calibration.evaluation import evaluate as score
-    from trocar.calibration.figure import draw_evaluation
-    from trocar.calibration.fitting import refit_ends, refit_offset
     from trocar.calibration.models import load_model
     from trocar.calibration.recording import load_recording
 
@@ -150,7 +148,7 @@ def apply(
     """
     from trocar.calibration.compensation import Compensator, sample_positions  # SciPy only when needed
     from trocar.calibration.models import load_model
-    from trocar.motion.analysis import read_joint_table
+    from trocar.motion.joint_table import read_joint_table
 
     names = columns.split(",")
     if len(set(names)) != len(JOINT_NAMES):
@@ -166,7 +164,7 @@ def apply(
         where = f"row {row + 2} of {str(path)!r}"
         raise InvalidInput(where, "has no number for every joint", "fill it in, or cut it out")
     compensator, rows = Compensator(fitted), np.arange(len(wanted))
-    at = rows if compensator.method == "exact" else sample_positions(wanted, fitted.training)
+    at = rows if fitted.rate_independent else sample_positions(wanted, fitted.training)
     desired = np.column_stack([np.interp(at, rows, column) for column in wanted.T])
     commands = compensator.path(desired)
     if not np.isfinite(commands).all():
@@ -227,50 +225,3 @@ def prior(
     learned.save(out)
     told = f"learned from {', '.join(learned.sources)}; saved {out}"
     return Result({"sources": learned.sources, "out": str(out)}, [told])
-
-
-def curve(
-    recording: RecordingPath,
-    *,
-    prior: PriorName = "fleet",
-    rows: Annotated[str, Option(metavar="N,N,...", help="Numbers of first rows; default: the usual ones.")] = "",
-    plot: Plot = None,
-) -> Result:
-    """Print how well a play model predicts a recording, by how many of its rows it was fitted on."""
-    from trocar.calibration.fleet import load_prior
-    from trocar.calibration.fleet.curve import curve as found_curve
-    from trocar.calibration.fleet.curve import draw_curve
-    from trocar.calibration.recording import load_recording
-
-    if plot is not None:
-        require_picture(plot)
-    if prior in (None, "none"):
-        raise InvalidValue("--prior", prior, "a curve compares fits with a prior and without; give fleet or a file")
-    known, data = load_prior(prior), load_recording(recording)
-    with waiting(f"fitting on more and more rows of {data.name}"):
-        found = found_curve(data, known, _numbers(rows))
-    shown = [
-        (str(count), f"{seconds:.0f} s", *(" ".join(f"{v:.4f}" for v in rmse[k, 3:]) for rmse in found.rmse.values()))
-        for k, (count, seconds) in enumerate(zip(found.rows, found.seconds, strict=True))
-    ]
-    title = f"{found.recording}: RMSE of q4 q5 q6 on the last fifth ({counted(found.tail, 'row')}), rad"
-    lines = [
-        rich_table(title, ("rows", "time", *found.rmse), shown),
-        f"the prior was learned from {', '.join(known.sources)}",
-    ]
-    if found.recording in known.sources:
-        lines.append("this recording among them: the figures are no test of it; learn one without (`calibrate prior`)")
-    if plot is not None:
-        draw_curve(found, plot)
-        lines.append(f"picture: {plot}")
-    about = {"recording": found.recording, "rows": found.rows, "seconds": found.seconds, "tail": found.tail}
-    errors = {way: rmse.tolist() for way, rmse in found.rmse.items()}
-    return Result(about | {"sources": known.sources, "rmse": errors}, lines)
-
-
-def _numbers(rows: str) -> list[int] | None:
-    """Return the numbers in a list such as ``50,100``; None for none."""
-    try:
-        return [int(number) for number in rows.split(",")] if rows else None
-    except ValueError:
-        raise InvalidInput(f"--rows {rows!r}", "is not a list of numbers", "give one such as 50,100,200") from None

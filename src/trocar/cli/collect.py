@@ -48,10 +48,9 @@ def collect(
     need("sim")
     given = {"rows": rows, "fit": fit, "model": model, "fraction": fraction, "difficulty": difficulty, "flaw": flaw}
     folder = out or default_folder(f"calibration-{Path(station).stem}-{seed}", differing(collect, given))
-    from trocar.calibration.figure import draw_evaluation
-    from trocar.collect.chain import calibrate
+    from trocar.calibration.evaluation import draw_evaluation
+    from trocar.collect.chain import calibrate, collection_table, draw_calibration
     from trocar.collect.collection import Collection  # the simulator is heavy
-    from trocar.collect.report import collection_table, draw_calibration
     from trocar.lab import load_station, require_reach, station_text
     from trocar.lab.flaws import Difficulty
     from trocar.lab.session import draw_session
@@ -82,7 +81,7 @@ def collect(
                 rng, kind = np.random.default_rng([seed, FIT, number]), model if fit else None
                 found = calibrate(collection, folder, model=kind, fraction=fraction, rng=rng, listener=listen)
                 figures[name] = found.summary(collection.T_camera_base_true)
-                bases[name] = collection.T_world_camera_registered @ found.measured.hand_eye.T_camera_base
+                bases[name] = collection.T_world_camera_registered @ found.measured.T_camera_base
                 files += [folder / f"recording_{name}.npz", draw_calibration(found, folder / f"calibration_{name}.png")]
                 if found.evaluation is not None:
                     loops = draw_evaluation(found.evaluation, folder / f"loops_{name}.png")

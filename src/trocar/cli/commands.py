@@ -30,11 +30,6 @@ CALIBRATE = {
         "trocar.cli.calibrate:prior",
         "trocar calibrate prior psm1.npz psm2.npz --out mine.npz",
     ),
-    "curve": Known(
-        "Print how well a play model predicts a recording, by how many of its rows it was fitted on.",
-        "trocar.cli.calibrate:curve",
-        "trocar calibrate curve psm3.npz --prior mine.npz --plot curve.png",
-    ),
     "fit": Known(
         "Fit a cable model to a recording; with a prior, a minute of it is enough.",
         "trocar.cli.calibrate:fit",

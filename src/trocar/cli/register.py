@@ -75,8 +75,12 @@ def cell(
     folder = out or Path("out") / f"registration-{Path(station).stem}-{seed}"
     check_out_folder(folder, FILES, [station])
     began = time.perf_counter()
-    from trocar.collect.checkerboard import checkerboard_of, register_cell  # the simulator is heavy
-    from trocar.collect.checkerboard_report import draw_registration, registration_table
+    from trocar.collect.checkerboard import (  # the simulator is heavy
+        checkerboard_of,
+        draw_registration,
+        register_cell,
+        registration_table,
+    )
     from trocar.lab import load_station, station_text
     from trocar.lab.station_file import with_registered
 

@@ -130,8 +130,9 @@ def _show(
     )
     if summary["missed_budgets"] > MISSED_WARNING:
         console.print(
-            f"warning: {100 * summary['missed_budgets']:.1f} % of computations took longer than the trial's clock "
-            "counted for them; on this machine a real arm would have waited"
+            f"warning: {100 * summary['missed_budgets']:.1f} % of computations take longer than the trial's clock "
+            f"counted for them, scaled to the machine for which that was declared (this one is "
+            f"{summary['machine_speed']:.2f} times as fast): a real arm would have waited"
         )
     console.print(brief_flaws(summary["flaws"]))
     for sentence in report.notes(trials):
@@ -164,9 +165,9 @@ def view(
     from trocar.eval.trial import Trial  # SciPy only when needed
 
     replay = Trial.load(trial_in(folder, session, trial)).replay()
-    from trocar.view.trial_view import show_replay  # viser is heavy
+    from trocar.view.trial_view import TrialView  # viser is heavy
 
-    shown = show_replay(replay, port, block=False)
+    shown = TrialView(replay, port)
     address = f"http://127.0.0.1:{shown.port}"
     typer.echo(f"{replay.title}: {address} in a browser; Ctrl-C ends", err=True)
     if open_browser:

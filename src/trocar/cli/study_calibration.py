@@ -85,7 +85,7 @@ def _summary(
 
 
 def _save(out: Path, summary: dict[str, Any], results: dict[str, dict[str, Evaluation]]) -> None:
-    from trocar.calibration.figure import draw_evaluation
+    from trocar.calibration.evaluation import draw_evaluation
 
     make_folder(out)
     for name, row in results.items():

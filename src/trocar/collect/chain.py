@@ -1,4 +1,4 @@
-"""Collect, register, fit, evaluate: the calibration of one arm, from the first image to the cable model."""
+"""Collect, register, fit, evaluate: one arm's calibration from first image to cable model; its picture and table."""
 
 from __future__ import annotations
 
@@ -6,56 +6,54 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from rich.table import Table
 
 from trocar.calibration.evaluation import Evaluation, evaluate
 from trocar.calibration.models import MODELS, save_model
-from trocar.calibration.recording import Recording
+from trocar.calibration.recording import JOINT_NAMES, Recording
 from trocar.collect.collection import Collection, Listener
+from trocar.files.output import write_figure
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
+from trocar.perception.depth import project
 from trocar.perception.fiducial_joints import Measured, distance_errors_m
+
+DISTANCE_TARGET_MM, JOINT_TARGET_RAD = 0.35, 0.01
+"""Targets: RMS error of distances between spheres, and of the measured joints (the paper: .32 mm, below .01 rad)."""
+BRIGHTER = 1.6
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """One arm, calibrated from images.
-
-    Attributes:
-        collection: what was collected.
-        measured: base and joints found in its images.
-        recording: commands and measured joints.
-        evaluation: of the cable model on the part of the recording that it was not fitted on; None: none was fitted.
-        fitted_rows: rows at the beginning that the model was fitted on.
-    """
+    """One arm, calibrated from images; only the errors use the simulator's truth."""
 
     collection: Collection
-    measured: Measured
+    measured: Measured  # base and joints found in its images
     recording: Recording
-    evaluation: Evaluation | None
-    fitted_rows: int
+    evaluation: Evaluation | None  # of the cable model on what it was not fitted on; None: none was fitted
+    fitted_rows: int  # rows at the beginning that the model was fitted on
 
     @property
-    def joint_error(self) -> NDArray[np.float64]:
-        """Return measured minus true joints (m, 6) of the good rows; the simulator's truth is used for this alone."""
+    def joint_error(self) -> Array:
+        """Return measured minus true joints (m, 6) of the good rows."""
         return (self.recording.q_phy - self.collection.q_joint)[self.recording.valid]
 
     @property
-    def distance_error_m(self) -> NDArray[np.float64]:
+    def distance_error_m(self) -> Array:
         """Return by how much distances between spheres of one part differ from those printed, as a flat array."""
         errors = distance_errors_m(self.collection.fixture, self.measured.p_camera_m)
         return errors[np.isfinite(errors)]
 
-    def base_error(self, T_camera_base: SE3) -> tuple[float, float]:
-        """Return the error of the base's pose in the camera frame: distance in m, angle in rad."""
-        off = T_camera_base.inverse() @ self.measured.hand_eye.T_camera_base
-        turn = float(np.arccos(np.clip((np.trace(off.rotation.matrix) - 1) / 2, -1, 1)))
-        return float(np.linalg.norm(off.translation_m)), turn
-
     def summary(self, T_camera_base: SE3) -> dict[str, Any]:
         """Return the figures of the report as JSON's values; ``T_camera_base`` is the true one."""
-        eye, collection = self.measured.hand_eye, self.collection
-        off_m, turned_rad = self.base_error(T_camera_base)
+        base, collection = self.measured.base, self.collection
+        off = T_camera_base.inverse() @ self.measured.T_camera_base
+        used = int(base.inliers.sum())
         found: dict[str, Any] = {
             "rows": len(self.recording),
             "good_rows": int(self.recording.valid.sum()),
@@ -64,16 +62,15 @@ class Calibrated:
             "sphere_distance_rms_mm": 1e3 * self.measured.distance_rms_m,
             "joint_rms": _rms(self.joint_error).tolist(),
             "registration": {
-                "rms_mm": 1e3 * eye.rms_m,
-                "used": eye.used,
-                "rejected": eye.rejected,
-                "off_mm": 1e3 * off_m,
-                "off_deg": float(np.degrees(turned_rad)),
+                "rms_mm": 1e3 * base.rms_m,
+                "used": used,
+                "rejected": len(base.inliers) - used,
+                "off_mm": 1e3 * float(np.linalg.norm(off.translation_m)),
+                "off_deg": float(np.degrees(off.rotation.angle())),
             },
         }
         if self.evaluation is not None:
-            held_out = self.evaluation.recording.valid
-            predicted = (self.evaluation.predicted - collection.q_joint)[held_out]
+            predicted = (self.evaluation.predicted - collection.q_joint)[self.evaluation.recording.valid]
             found["model"] = {
                 "name": self.evaluation.model,
                 "fitted_rows": self.fitted_rows,
@@ -104,8 +101,7 @@ def calibrate(
         rng: of the fit.
         listener: called after each row.
     """
-    folder = Path(folder)
-    arm = collection.arm
+    folder, arm = Path(folder), collection.arm
     measured = collection.measured(collection.run(folder / f"spheres_{arm}.npz", listener))
     recording = collection.recording(measured)
     recording.save(folder / f"recording_{arm}.npz")
@@ -117,5 +113,89 @@ def calibrate(
     return Calibrated(collection, measured, recording, evaluation, rows)
 
 
-def _rms(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+def draw_calibration(found: Calibrated, path: str | Path) -> Path:
+    """Draw an image with the spheres found, distances between spheres, and the joints' errors over time."""
+    figure = Figure(figsize=(14, 8), layout="constrained", dpi=110)
+    grid = figure.add_gridspec(2, 3)
+    _draw_image(figure.add_subplot(grid[0, 0]), found)
+    distances, outer, wrist = (figure.add_subplot(grid[place]) for place in ((0, 1), (0, 2), (1, slice(None))))
+    error, names = found.joint_error, _joint_labels(found)
+    distances.hist(1e3 * found.distance_error_m, bins=60, color="#1f6fb4")
+    distances.set_title(f"distances between spheres: {1e3 * found.measured.distance_rms_m:.2f} mm RMS")
+    distances.set_xlabel("measured - printed [mm]")
+    for joint in range(3):
+        outer.hist(1e3 * error[:, joint], bins=60, histtype="step", lw=1.4, label=names[joint])
+    outer.set_title("outer joints")
+    outer.set_xlabel("measured - true [mrad, mm]")
+    outer.legend(loc="upper right")
+    for joint in (3, 4, 5):
+        minutes = found.recording.t_s[found.recording.valid] / 60
+        wrist.plot(minutes, error[:, joint], ".", ms=3, label=names[joint])
+    for edge in (-JOINT_TARGET_RAD, JOINT_TARGET_RAD):
+        wrist.axhline(edge, color="#8a8f98", lw=1.0, ls="--")
+    wrist.set_title("wrist: measured - true joints (dashed: the limit on the RMS)")
+    wrist.set_xlabel("time on the robot [min]")
+    wrist.set_ylabel("[rad]")
+    wrist.legend(loc="upper right", ncols=3)
+    for axes in (distances, outer, wrist):
+        axes.grid(alpha=0.25)
+        axes.spines[["top", "right"]].set_visible(False)
+    good = f"{int(found.recording.valid.sum())} of {len(found.recording)} rows are good"
+    figure.suptitle(f"{found.collection.arm}: {good}")
+    return write_figure(path, figure)
+
+
+def collection_table(arms: dict[str, dict[str, Any]]) -> Table:
+    """Return the figures of all arms beside the targets."""
+    table = Table(title="calibration from images")
+    table.add_column("", justify="left")
+    for name in (*arms, "must hold"):
+        table.add_column(name, justify="right")
+    every = list(arms.values())
+    table.add_row("good rows", *(f"{a['good_rows']} of {a['rows']}" for a in every), "")
+    table.add_row("time on the robot, min", *(f"{a['simulated_minutes']:.1f}" for a in every), "18 for 1355")
+    distances = (f"{a['sphere_distance_rms_mm']:.2f}" for a in every)
+    table.add_row("sphere distances, mm RMS", *distances, f"{DISTANCE_TARGET_MM:g}")
+    for joint, name in enumerate(JOINT_NAMES):
+        shown = [_joint_error(joint, a["joint_rms"][joint]) for a in every]
+        limit = "" if name == "q3" else f"{JOINT_TARGET_RAD:g}"
+        table.add_row(f"{name} measured - true, {shown[0][1]} RMS", *(value for value, _ in shown), limit)
+    registrations = [a["registration"] for a in every]
+    table.add_row("base off, mm", *(f"{r['off_mm']:.2f}" for r in registrations), "")
+    table.add_row("base off, deg", *(f"{r['off_deg']:.3f}" for r in registrations), "")
+    if all("model" in a for a in every):
+        for joint in (3, 4, 5):
+            both = ((a["model"]["rmse_before"][joint], a["model"]["rmse_after"][joint]) for a in every)
+            table.add_row(f"{JOINT_NAMES[joint]} held out, rad RMSE", *(f"{b:.4f} -> {c:.4f}" for b, c in both), "")
+    return table
+
+
+def _draw_image(axes: Axes, found: Calibrated) -> None:
+    """Draw the image of the middle good row, with an outline round each accepted sphere."""
+    rows = np.flatnonzero(found.recording.valid)
+    row = int(rows[len(rows) // 2])
+    image = found.collection.image(row)
+    axes.imshow(cv2.convertScaleAbs(image.color, alpha=BRIGHTER))
+    centers = found.measured.p_camera_m[row]
+    for center, radius in zip(centers, found.collection.fixture.radii_m, strict=True):
+        if np.isfinite(center).all():
+            u, v = project(image.intrinsics, center)
+            outline = radius * image.intrinsics.fx / center[2]
+            axes.add_patch(Circle((u, v), outline, fill=False, color="white", lw=1.0, ls="--"))
+    axes.set_title(f"row {row}: spheres found")
+    axes.set_axis_off()
+
+
+def _joint_labels(found: Calibrated) -> list[str]:
+    """Return name and RMS error of each joint."""
+    errors = enumerate(_rms(found.joint_error).tolist())
+    return [f"{JOINT_NAMES[joint]}: {' '.join(_joint_error(joint, error))} RMS" for joint, error in errors]
+
+
+def _joint_error(joint: int, error: float) -> tuple[str, str]:
+    """Return the error of a joint, rad or m, as shown in pictures and tables, and its unit."""
+    return (f"{1e3 * error:.2f}", "mm") if JOINT_NAMES[joint] == "q3" else (f"{error:.4f}", "rad")
+
+
+def _rms(errors: Array) -> Array:
     return np.sqrt(np.mean(errors**2, axis=0))

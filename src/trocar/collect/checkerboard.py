@@ -7,13 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.figure import Figure
+from rich.table import Table
 
 from trocar.errors import InvalidInput
+from trocar.files.output import write_figure
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.lab import CheckerboardRegistration, SensorFlaws, Station
 from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
@@ -30,65 +35,41 @@ from trocar.sim.calibration_cells import CheckerboardCell
 
 HAND_S, BRACKET_S = 6.0, 120.0
 """Time that a person takes for one pose by hand, and to mount a bracket, take the image and remove it (assumed)."""
-BELOW_M = 0.04
-"""If no fixture is called 'table', the table lies this much below the board on its bracket (assumed)."""
+BELOW_M = 0.04  # if no fixture is called 'table', the table lies this much below the board on its bracket (assumed)
 PLACES_M = (0.04, 0.03, 0.02)
 """Half sides of the box round the board in which position errors are evaluated, along the board's axes."""
-
-Listener = Callable[[int, int], None]
-"""Called with the number of images done and of all images."""
+BRIGHTEST = 230  # grey level that the brightest pixels of a picture get
+MARGIN_PX = 90  # margin round the corners in a picture
+Listener = Callable[[int, int], None]  # called with the number of images done and of all images
 
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """What both eyes saw of a board.
-
-    Attributes:
-        image: of both eyes.
-        left_px: (n, 2) corners in the left image, in the board's order.
-        right_px: (n, 2) likewise.
-    """
+    """What both eyes saw of a board."""
 
     image: StereoImage
-    left_px: NDArray[np.float64]
-    right_px: NDArray[np.float64]
+    left_px: Array  # (n, 2) corners in the left image, in the board's order
+    right_px: Array  # (n, 2) likewise
 
 
 @dataclass(frozen=True, eq=False)
 class CellRegistration:
-    """The result of registering a cell with a checkerboard.
+    """The result of registering a cell with a checkerboard."""
 
-    Attributes:
-        station: the cell; its true poses and lenses are used only to compute errors.
-        camera: name of the camera.
-        calibration: of its lenses.
-        shown: views that a person held before the camera.
-        hand_px: (m, 2, n, 2) corners of the views in which both eyes found them, left and right.
-        views: the view of the board on each arm's bracket.
-        poses: of these boards.
-        T_world_camera: pose of the camera as found.
-        T_world_base: bases as found; that of the first arm is the world's reference.
-    """
-
-    station: Station
-    camera: str
-    calibration: StereoCalibration
-    shown: int
-    hand_px: NDArray[np.float64]
-    views: Mapping[str, BoardView]
-    poses: Mapping[str, BoardPose]
-    T_world_camera: SE3
-    T_world_base: Mapping[str, SE3]
+    station: Station  # the cell; its true poses and lenses are used only to compute errors
+    camera: str  # name of the camera
+    calibration: StereoCalibration  # of its lenses
+    shown: int  # views that a person held before the camera
+    hand_px: Array  # (m, 2, n, 2) corners of the views in which both eyes found them, left and right
+    views: Mapping[str, BoardView]  # the view of the board on each arm's bracket
+    poses: Mapping[str, BoardPose]  # of these boards
+    T_world_camera: SE3  # pose of the camera as found
+    T_world_base: Mapping[str, SE3]  # bases as found; that of the first arm is the world's reference
 
     @property
     def duration_s(self) -> float:
         """Return the time that a person spends at the robot."""
         return HAND_S * self.shown + BRACKET_S * len(self.views)
-
-    def T_base_board_off(self, arm: str) -> SE3:
-        """Return the board's pose as found, in the frame where its bracket should hold it: the whole error there."""
-        how, true = checkerboard_of(self.station), self.station.cameras[self.camera].T_world_camera
-        return how.T_world_board.inverse() @ true @ self.poses[arm].T_left_board
 
     def errors(self) -> dict[str, Any]:
         """Return all errors against the simulator's truth, in mm and deg, as JSON values."""
@@ -140,26 +121,15 @@ def _apart(true: SE3, found: SE3) -> dict[str, float]:
 
 
 def checkerboard_of(station: Station) -> CheckerboardRegistration:
-    """Return the checkerboard registration of a station.
-
-    Raises:
-        TrocarError: it is registered in another way.
-    """
+    """Return the checkerboard registration of a station (TrocarError: it is registered in another way)."""
     if not isinstance(station.registration, CheckerboardRegistration):
-        raise InvalidInput(
-            f"station {station.name!r}",
-            "is registered by points",
-            'give its [registration] kind = "checkerboard", or choose raven-pair',
-        )
+        remedy = 'give its [registration] kind = "checkerboard", or choose raven-pair'
+        raise InvalidInput(f"station {station.name!r}", "is registered by points", remedy)
     return station.registration
 
 
 def stereo_camera(station: Station) -> str:
-    """Return the name of a station's first stereo pair.
-
-    Raises:
-        TrocarError: there is none.
-    """
+    """Return the name of a station's first stereo pair (TrocarError: there is none)."""
     found = [name for name, camera in station.cameras.items() if isinstance(camera.model, StereoRig)]
     if not found:
         raise InvalidInput(f"station {station.name!r}", "has no stereo pair, which a checkerboard needs", "add one")
@@ -213,11 +183,9 @@ def register_cell(
         T_base_board = arm.T_world_base.inverse() @ how.T_world_board  # as the bracket was made to hold it
         view = look(arm.T_world_base @ T_base_board @ SE3.exp(sd * brackets.standard_normal(6)))
         if view is None:
-            raise InvalidInput(
-                f"camera {camera!r}",
-                f"does not see the whole board on the bracket of arm {name!r}",
-                f"move 'board' in [registration] of station {station.name!r}",
-            )
+            remedy = f"move 'board' in [registration] of station {station.name!r}"
+            problem = f"does not see the whole board on the bracket of arm {name!r}"
+            raise InvalidInput(f"camera {camera!r}", problem, remedy)
         views[name], poses[name] = view, board_pose(how.board, calibration.rig, view.left_px, view.right_px)
         T_camera_base[name] = poses[name].T_left_board @ T_base_board.inverse()
     first = next(iter(station.arms))
@@ -230,3 +198,49 @@ def _seen(board: Checkerboard, image: StereoImage) -> BoardView | None:
     """Return the corners in both eyes, or None if one of them does not find them."""
     left, right = find_corners(board, image.left), find_corners(board, image.right)
     return None if left is None or right is None else BoardView(image, left, right)
+
+
+def draw_registration(found: CellRegistration, path: str | Path) -> Path:
+    """Draw the board on each bracket in both eyes with the corners found, and where it was shown by hand."""
+    figure = Figure(figsize=(14, 4.6 * (len(found.views) + 1)), layout="constrained", dpi=90)
+    all_axes = figure.subplots(len(found.views) + 1, 2, squeeze=False)
+    board, rig = checkerboard_of(found.station).board, found.calibration.rig
+    for row, (arm, view) in zip(all_axes[:-1], found.views.items(), strict=True):
+        eyes = (("left", view.image.left, view.left_px), ("right", view.image.right, view.right_px))
+        for axes, (eye, picture, corners) in zip(row, eyes, strict=True):
+            bright = cv2.convertScaleAbs(picture, alpha=BRIGHTEST / max(float(picture.max()), 1.0))
+            pixels = corners.astype(np.float32)[:, None]
+            size = (board.columns, board.rows)
+            axes.imshow(cv2.drawChessboardCorners(np.ascontiguousarray(bright), size, pixels, True))
+            axes.text(*corners[0], "first ", color="white", backgroundcolor="black", ha="right", va="bottom")
+            (left, top), (right, bottom) = corners.min(0) - MARGIN_PX, corners.max(0) + MARGIN_PX
+            axes.set_xlim(max(left, 0), min(right, picture.shape[1]))
+            axes.set_ylim(min(bottom, picture.shape[0]), max(top, 0))
+            axes.set_title(f"bracket on {arm!r}, {eye} eye: {found.poses[arm].rms_px:.2f} px RMS")
+            axes.set_axis_off()
+    for column, (eye, lens) in enumerate((("left", rig.left), ("right", rig.right))):
+        axes = all_axes[-1, column]
+        for view_px in found.hand_px[:, column]:
+            axes.plot(*view_px.T, ".", ms=2)
+        axes.set(xlim=(0, lens.width), ylim=(lens.height, 0), aspect="equal", xlabel="u [px]", ylabel="v [px]")
+        axes.set_title(f"corners of all views by hand, {eye} eye")
+    lenses = f"lenses from {len(found.hand_px)} of {found.shown} views by hand, {found.calibration.rms_px:.2f} px RMS"
+    figure.suptitle(f"{found.station.name}: {lenses}")
+    return write_figure(path, figure)
+
+
+def registration_table(figures: dict[str, Any]) -> Table:
+    """Return the figures of a registration's summary."""
+    table = Table(title="registration by a checkerboard")
+    table.add_column("", justify="left")
+    arms = list(figures["T_world_base"])
+    for name in arms:
+        table.add_column(name, justify="right")
+    off = figures["off"]
+    table.add_row("board on its bracket, RMS px", *(f"{figures['boards_rms_px'][name]:.3f}" for name in arms))
+    for what, title in (("camera_to_base", "camera to base"), ("base_to_base", f"base of {arms[0]!r} to base")):
+        for unit, digits in (("mm", 2), ("deg", 3)):
+            cells = (f"{off[what][name][unit]:.{digits}f}" if name in off[what] else "" for name in arms)
+            table.add_row(f"{title}, off by {unit}", *cells)
+    table.add_row("a place that is seen, off by mm", *(f"{off['places_mm'][name]:.2f}" for name in arms))
+    return table

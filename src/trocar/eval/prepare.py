@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 
 import trocar
+from trocar.calibration.evaluation import refit_offset
 from trocar.calibration.excitation import SAMPLES, WIDE_ROWS
-from trocar.calibration.fitting import refit_offset
 from trocar.calibration.fleet import FleetPrior, expected, fit_from_prior, load_prior
 from trocar.calibration.models import MODELS, CableModel, load_model, save_model
 from trocar.calibration.recording import Recording
@@ -22,7 +22,7 @@ from trocar.eval.config import CALIBRATION, IMAGES, NO_PRIOR, REFIT, REMOUNT, SE
 from trocar.eval.trial import session_folder
 from trocar.lab import SensorFlaws
 from trocar.lab.session import Session, draw_session
-from trocar.sim.recording import record_motion
+from trocar.sim.calibration_cells import record_motion
 
 IMAGES_ROWS = 650
 """Number of images of an arm in a run: half of the paper's rows. The wrist's RMSE of `play` against the cables alone is

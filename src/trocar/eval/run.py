@@ -24,12 +24,13 @@ from trocar.eval.scenery import Scenery
 from trocar.eval.task import Score, Task
 from trocar.eval.trial import Trial
 from trocar.lab import SensorFlaws
+from trocar.log import machine_speed
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S, Adaptive, Compensated
 from trocar.sim.cameras import SimCamera
 from trocar.sim.laboratory import SimLaboratory
-from trocar.sim.recorder import fixed_poses, solids_of
+from trocar.sim.record import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
 
 DONE, FAULT, OUT_OF_TIME, AGENT_ERROR = "done", "FAULT", "OUT_OF_TIME", "AGENT_ERROR"
@@ -143,6 +144,7 @@ def run_trial(
         ),
         images=blobs,
         computations=laboratory.log.computations,
+        machine_speed=machine_speed(),
         wall_s=wall_s,
     )
 
@@ -150,10 +152,10 @@ def run_trial(
 def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Compensated:
     """Return the cell's robot with its cables compensated."""
     limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
+    wrapped = cell.robot, cell.arms, prepared.models, limits, cell.clock, cell.log
     if prepared.priors:
-        return Adaptive(cell.robot, cell.arms, prepared.models, prepared.priors, limits, cell.clock, cell.log)
-    stop = config.chosen_method.stop_at_limits
-    return Compensated(cell.robot, cell.arms, prepared.models, limits, cell.clock, cell.log, stop_at_limits=stop)
+        return Adaptive(*wrapped, priors=prepared.priors)
+    return Compensated(*wrapped, stop_at_limits=config.chosen_method.stop_at_limits)
 
 
 def _play(

@@ -65,6 +65,7 @@ class Trial:
         scenery: solids, arms and where they stand.
         images: as the cameras took them, and when.
         computations: real times; not in the file.
+        machine_speed: of the machine that computed (``trocar.log.machine_speed``); not in the file.
         wall_s: real time of the whole trial; not in the file.
     """
 
@@ -81,6 +82,7 @@ class Trial:
     scenery: Scenery
     images: Mapping[str, bytes] = field(default_factory=dict)
     computations: list[Computation] = field(default_factory=list)
+    machine_speed: float = 1.0
     wall_s: float = 0.0
 
     def __repr__(self) -> str:
@@ -148,7 +150,8 @@ class Trial:
             "command_limit_use": self.command_limit_use,
             "scenery": self.scenery.values(),
         }
-        timing = {"wall_s": self.wall_s, "computations": [asdict(c) for c in self.computations]}
+        computations = [asdict(computation) for computation in self.computations]
+        timing = {"wall_s": self.wall_s, "machine_speed": self.machine_speed, "computations": computations}
         write_json(timing_file(path), timing, "record of real times")
         return Archive(header, self.arrays, self.images).save(path)
 
@@ -161,7 +164,7 @@ class Trial:
         """
         path = Path(path)
         archive = read_archive(path, FORMAT, VERSION)
-        computations, wall_s = _timing(timing_file(path))
+        timing = _timing(timing_file(path))
         try:
             log = archive.header
             trial = Trial(
@@ -177,8 +180,7 @@ class Trial:
                 arrays=dict(archive.arrays),
                 scenery=Scenery.of(log["scenery"]),
                 images=archive.blobs,
-                computations=computations,
-                wall_s=wall_s,
+                **timing,
             )
         except (KeyError, TypeError, ValueError, AttributeError):
             raise BadFile(path, f"is not a readable {FORMAT}", "run that trial again") from None
@@ -214,13 +216,15 @@ def trial_files(folder: str | Path) -> list[Path]:
     return sorted(Path(folder).glob("session_*/trial_*.npz"))
 
 
-def _timing(path: Path) -> tuple[list[Computation], float]:
-    """Return the real times beside a trial; empty if they are lost, since the trial does not need them."""
+def _timing(path: Path) -> dict[str, Any]:
+    """Return the real times beside a trial; none if they are lost, since the trial does not need them."""
     try:
         timing = read_json(path)
-        return [Computation(**c) for c in timing["computations"]], float(timing["wall_s"])
+        computations = [Computation(**c) for c in timing["computations"]]
+        numbers = {key: float(timing[key]) for key in ("wall_s", "machine_speed")}
     except (OSError, ValueError, KeyError, TypeError):
-        return [], 0.0
+        return {}
+    return {"computations": computations, **numbers}
 
 
 def _note(value: Any, kinds: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,7 +1,8 @@
-"""Arrays from users: finite numbers of the requested shape, or one sentence on what is wrong."""
+"""Numbers: arrays from users, checked; directions; and how lengths and angles are shown to people."""
 
 from __future__ import annotations
 
+import math
 from types import EllipsisType
 
 import numpy as np
@@ -9,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
 
-NUMBERS = "biuf"
-"""Kinds of arrays that hold real numbers."""
+Array = NDArray[np.float64]
+TURN = 2 * math.pi  # one whole turn, in rad
+NUMBERS = "biuf"  # kinds of arrays that hold real numbers
 
 
-def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> NDArray[np.float64]:
+def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:
     """Return finite float64 numbers of a shape.
 
     >>> finite("a point", [1, 2, 3], 3).tolist()
@@ -37,12 +39,8 @@ def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> ND
     return array
 
 
-def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> NDArray[np.float64]:
-    """Return float64 numbers of any shape, finite or not; ``shape`` only tells what is wanted.
-
-    Raises:
-        TrocarError: these are not numbers.
-    """
+def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:
+    """Return float64 numbers of any shape, finite or not (TrocarError: they are none, of the ``shape`` wanted)."""
     try:
         array = np.asarray(values)
     except (TypeError, ValueError):  # rows of different lengths
@@ -52,7 +50,7 @@ def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> N
     return array.astype(np.float64, copy=False)
 
 
-def _where(array: NDArray[np.float64]) -> str:
+def _where(array: Array) -> str:
     """Return the first number that is not finite, and where it stands."""
     first = np.argwhere(~np.isfinite(array))[0].tolist()
     value = array[tuple(first)]
@@ -62,3 +60,32 @@ def _where(array: NDArray[np.float64]) -> str:
 def _shown(shape: tuple[int | str | EllipsisType, ...]) -> str:
     parts = ["..." if n is ... else str(n) for n in shape]
     return f"({', '.join(parts)}{',' * (len(parts) == 1 and shape != (...,))})"
+
+
+def direction(vector: ArrayLike, what: str) -> Array:
+    """Return a vector (3,) of any length, however small or large, as a unit vector.
+
+    >>> direction([3e307, 4e307, 0.0], "the upward direction").round(3).tolist()
+    [0.6, 0.8, 0.0]
+
+    Raises TrocarError: these are not three finite numbers that are not all zero; ``what`` names them.
+    """
+    try:
+        given = np.asarray(vector, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
+        raise InvalidInput(what, f"is {vector}", "give three finite numbers that are not all 0, such as 0 0 1")
+    scaled = given / np.abs(given).max()  # squares of the largest and smallest floats overflow or underflow
+    return scaled / np.linalg.norm(scaled)
+
+
+def shown_scale(unit: str) -> tuple[float, str]:
+    """Return the factor and the unit that show a value in ``'m'`` or ``'rad'``: mm or deg."""
+    return {"m": (1e3, "mm"), "rad": (math.degrees(1.0), "deg")}[unit]
+
+
+def shown(value: float, unit: str, spec: str = ".1f") -> str:
+    """Return a value in ``'m'`` or ``'rad'`` as text in mm or deg, such as ``'12.3 mm'``."""
+    scale, name = shown_scale(unit)
+    return f"{scale * value:{spec}} {name}"

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trocar.geometry.arrays import Array
 from trocar.geometry.se3 import SE3
 
-PARALLEL = 1e-12
-"""Segments whose directions span less than this (share of their squared lengths) count as parallel."""
+PARALLEL = 1e-12  # segments whose directions span less than this (share of their squared lengths) count as parallel
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class Capsules:
         radii_m: (k,).
     """
 
-    ends_m: NDArray[np.float64]
-    radii_m: NDArray[np.float64]
+    ends_m: Array
+    radii_m: Array
 
     def moved(self, T: SE3) -> Capsules:
         """Return the capsules in the frame that ``T`` (...,) leads to."""
@@ -33,26 +33,19 @@ class Capsules:
         return Capsules(moved.reshape(*moved.shape[:-2], -1, 2, 3), self.radii_m)
 
 
-def capsule_distances_m(a: Capsules, b: Capsules) -> NDArray[np.float64]:
+def capsule_distances_m(a: Capsules, b: Capsules) -> Array:
     """Return the distances (..., k, m) of all pairs of capsules of two sets; negative where they overlap."""
     p, q = a.ends_m[..., :, None, :, :], b.ends_m[..., None, :, :, :]
     between = segment_distances_m(p[..., 0, :], p[..., 1, :], q[..., 0, :], q[..., 1, :])
     return between - a.radii_m[:, None] - b.radii_m
 
 
-def segment_distances_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> NDArray[np.float64]:
+def segment_distances_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> Array:
     """Return the least distance (...,) between the segments p0 p1 and q0 q1, each end (..., 3)."""
-    return np.linalg.norm(segment_gaps_m(p0, p1, q0, q1), axis=-1)
+    return np.linalg.norm(nearest_m(p0, p1, q0, q1)[0], axis=-1)
 
 
-def segment_gaps_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> NDArray[np.float64]:
-    """Return the shortest vector (..., 3) that leads from the segment q0 q1 to p0 p1, each end (..., 3)."""
-    return nearest_m(p0, p1, q0, q1)[0]
-
-
-def nearest_m(
-    p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def nearest_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> tuple[Array, Array, Array]:
     """Return the shortest vector (..., 3) from the segment q0 q1 to p0 p1, and the shares (...,) where it ends.
 
     Ericson, Real-Time Collision Detection, 5.1.9: the nearest points of the two lines, clamped to one segment after the
@@ -73,7 +66,7 @@ def nearest_m(
     return w + s[..., None] * u - t[..., None] * v, s, t
 
 
-def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross(a: Array, b: Array) -> Array:
     """Return a x b over the last axis; NumPy's takes four times as long for a few rows."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
@@ -82,6 +75,6 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return out
 
 
-def _dot(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def _dot(x: Array, y: Array) -> Array:
     """Return x . y over the last axis; einsum takes half the time of a sum of products."""
     return np.einsum("...i,...i->...", x, y)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput, TrocarError
+from trocar.geometry.arrays import Array, finite
 from trocar.geometry.se3 import SE3
 from trocar.geometry.so3 import SO3
 
-COLLINEAR_RATIO = 1e-6
-"""Points are collinear if their second principal extent is below this share of the first."""
+COLLINEAR_RATIO = 1e-6  # points are collinear if their second principal extent is below this share of the first
 RANSAC_DRAWS = 500
 """Random triples tried: with half of the pairs wrong, the chance that no triple is clean is below 1e-28."""
 
@@ -23,7 +23,7 @@ class RigidFit:
 
     Attributes:
         T_target_source: pose that takes source points to target points.
-        rms_m: root mean square distance of the inliers after the fit (weighted, if weights were given).
+        rms_m: root mean square distance of the inliers after the fit.
         inliers: (n,) which pairs were used.
     """
 
@@ -39,7 +39,6 @@ class RigidFit:
 def fit_rigid(
     source_m: ArrayLike,
     target_m: ArrayLike,
-    weights: ArrayLike | None = None,
     *,
     inlier_distance_m: float | None = None,
     rng: np.random.Generator | None = None,
@@ -49,7 +48,6 @@ def fit_rigid(
     Args:
         source_m: (n, 3) points in the source frame.
         target_m: (n, 3) the same points in the target frame, in the same order.
-        weights: (n,) non-negative; default: all 1.
         inlier_distance_m: leave out pairs that are farther apart than this under the best of many fits to random
             triples (RANSAC); default: use all pairs.
         rng: draws the triples; required with ``inlier_distance_m``.
@@ -67,64 +65,43 @@ def fit_rigid(
         >>> bool(np.allclose(fit.T_target_source.matrix, T_robot_camera.matrix)), fit.rms_m < 1e-12
         (True, True)
     """
-    source, target = _points(source_m, "source"), _points(target_m, "target")
+    source, target = finite("the source points", source_m, "n", 3), finite("the target points", target_m, "n", 3)
     if source.shape != target.shape:
         raise InvalidInput("paired points", f"need equal shapes, got source {source.shape} and target {target.shape}")
-    weight = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
-    if weight.shape != (len(source),) or not np.isfinite(weight).all() or np.any(weight < 0):
-        raise InvalidInput("weights", f"need shape ({len(source)},), finite and at least 0, got shape {weight.shape}")
-    inliers = weight > 0
+    inliers = np.ones(len(source), dtype=bool)
     if inlier_distance_m is not None:
-        inliers &= _consensus(source, target, inliers, inlier_distance_m, rng)
-    T = _least_squares(source[inliers], target[inliers], weight[inliers])
+        inliers = _consensus(source, target, inlier_distance_m, rng)
+    T = _least_squares(source[inliers], target[inliers])
     square = np.sum((T.apply(source) - target) ** 2, -1)[inliers]
-    rms = float(np.sqrt(np.average(square, weights=weight[inliers])))
-    return RigidFit(T, rms, inliers)
+    return RigidFit(T, float(np.sqrt(square.mean())), inliers)
 
 
-def _points(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    try:
-        points = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"the {what} points", "are not an array of numbers of shape (n, 3)") from None
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InvalidInput(f"the {what} points", f"need shape (n, 3), got {points.shape}")
-    if not np.isfinite(points).all():
-        row = int(np.flatnonzero(~np.isfinite(points).all(1))[0])
-        raise InvalidInput(f"the {what} points", f"hold NaN or infinity, first in row {row}", "remove such pairs")
-    return points
-
-
-def _least_squares(source: NDArray, target: NDArray, weight: NDArray) -> SE3:
+def _least_squares(source: Array, target: Array) -> SE3:
     if len(source) < 3:
         raise InvalidInput("a rigid fit", f"needs at least 3 pairs of points, got {len(source)}")
-    center_s, center_t = (np.average(points, axis=0, weights=weight) for points in (source, target))
+    center_s, center_t = source.mean(axis=0), target.mean(axis=0)
     from_s, from_t = source - center_s, target - center_t
     for points, what in ((from_s, "source"), (from_t, "target")):
-        extent = np.linalg.svd(np.sqrt(weight)[:, None] * points, compute_uv=False)
+        extent = np.linalg.svd(points, compute_uv=False)
         if extent[1] <= COLLINEAR_RATIO * extent[0]:
-            raise InvalidInput(
-                f"the {what} points", "lie on one line, so the rotation about it is unknown", "add points off it"
-            )
-    u, _, vt = np.linalg.svd(from_t.T @ (weight[:, None] * from_s))
+            problem = "lie on one line, so the rotation about it is unknown"
+            raise InvalidInput(f"the {what} points", problem, "add points off it")
+    u, _, vt = np.linalg.svd(from_t.T @ from_s)
     R = SO3.unchecked(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
     return SE3.from_parts(R, center_t - R.apply(center_s))
 
 
-def _consensus(
-    source: NDArray, target: NDArray, usable: NDArray, distance_m: float, rng: np.random.Generator | None
-) -> NDArray[np.bool_]:
+def _consensus(source: Array, target: Array, distance_m: float, rng: np.random.Generator | None) -> NDArray[np.bool_]:
     """Return the largest set of pairs that agree with the fit to a random triple, refitted until it is stable."""
     if rng is None or not distance_m > 0:
         raise InvalidInput("leaving outliers out", f"needs rng and an inlier distance above 0 m, got {distance_m}")
-    index = np.flatnonzero(usable)
-    if len(index) < 3:
-        raise InvalidInput("a rigid fit", f"needs at least 3 pairs of points, got {len(index)}")
+    if len(source) < 3:
+        raise InvalidInput("a rigid fit", f"needs at least 3 pairs of points, got {len(source)}")
     best = np.zeros(len(source), dtype=bool)
     for _ in range(RANSAC_DRAWS):
-        triple = rng.choice(index, 3, replace=False)
+        triple = rng.choice(len(source), 3, replace=False)
         try:
-            near = _near(_least_squares(source[triple], target[triple], np.ones(3)), source, target, distance_m)
+            near = _near(_least_squares(source[triple], target[triple]), source, target, distance_m)
         except TrocarError:  # three points on a line
             continue
         if near.sum() > best.sum():
@@ -132,12 +109,12 @@ def _consensus(
     if best.sum() < 3:
         raise InvalidInput("no three pairs", f"agree within {distance_m} m", "check the pairing or raise the distance")
     for _ in range(10):
-        again = _near(_least_squares(source[best], target[best], np.ones(best.sum())), source, target, distance_m)
+        again = _near(_least_squares(source[best], target[best]), source, target, distance_m)
         if np.array_equal(again, best) or again.sum() < best.sum():
             break
         best = again
     return best
 
 
-def _near(T_target_source: SE3, source: NDArray, target: NDArray, distance_m: float) -> NDArray[np.bool_]:
+def _near(T_target_source: SE3, source: Array, target: Array, distance_m: float) -> NDArray[np.bool_]:
     return np.linalg.norm(T_target_source.apply(source) - target, axis=-1) <= distance_m

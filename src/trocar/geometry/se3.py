@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 from trocar.geometry.so3 import RIGID, SO3, exp_coefficients, picked, require_rotation, skew
 
 LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
@@ -36,19 +36,18 @@ class SE3:
         [0.2, 0.0, 0.0]
     """
 
-    matrix: NDArray[np.float64]
+    matrix: Array
 
     def __post_init__(self) -> None:
         matrix = finite("a pose", self.matrix, ..., 4, 4)
         require_rotation("the rotation of a pose", matrix[..., :3, :3])
         if np.abs(matrix[..., 3, :] - LAST_ROW).max(initial=0.0) > RIGID:
-            raise InvalidInput(
-                "the last row", "of a pose is not 0, 0, 0, 1", "give T[:3, :3] a rotation, T[:3, 3] metres"
-            )
+            remedy = "give T[:3, :3] a rotation, T[:3, 3] metres"
+            raise InvalidInput("the last row", "of a pose is not 0, 0, 0, 1", remedy)
         object.__setattr__(self, "matrix", matrix)
 
     @staticmethod
-    def unchecked(matrix: NDArray[np.float64]) -> SE3:
+    def unchecked(matrix: Array) -> SE3:
         """Return the pose(s) of matrices (..., 4, 4) that are known to be valid, such as computed ones."""
         made = object.__new__(SE3)
         object.__setattr__(made, "matrix", matrix)
@@ -80,20 +79,12 @@ class SE3:
         """Return the pose reached in unit time by the twist(s) (..., 6) = (translation m, rotation rad)."""
         xi = finite("a twist", twist, ..., 6)
         v, w = xi[..., :3], xi[..., 3:]
-        angle2 = np.sum(w * w, -1)[..., None, None]
-        W = skew(w)
-        _, b, c = exp_coefficients(angle2)
-        V = np.eye(3) + b * W + c * (W @ W)
-        return SE3.from_parts(SO3.exp(w), np.einsum("...ij,...j->...i", V, v))
+        return SE3.from_parts(SO3.exp(w), np.einsum("...ij,...j->...i", _left_jacobian(w), v))
 
-    def log(self) -> NDArray[np.float64]:
+    def log(self) -> Array:
         """Return the twist(s) (..., 6) = (translation m, rotation rad) such that ``SE3.exp(T.log()) = T``."""
         w = self.rotation.log()
-        angle2 = np.sum(w * w, -1)[..., None, None]
-        W = skew(w)
-        _, b, c = exp_coefficients(angle2)
-        V = np.eye(3) + b * W + c * (W @ W)
-        v = np.linalg.solve(V, self.translation_m[..., None])[..., 0]
+        v = np.linalg.solve(_left_jacobian(w), self.translation_m[..., None])[..., 0]
         return np.concatenate([v, w], -1, dtype=np.float64)
 
     @property
@@ -102,7 +93,7 @@ class SE3:
         return SO3.unchecked(self.matrix[..., :3, :3])
 
     @property
-    def translation_m(self) -> NDArray[np.float64]:
+    def translation_m(self) -> Array:
         """Return the translation (..., 3): the origin of frame b in frame a."""
         return self.matrix[..., :3, 3]
 
@@ -115,11 +106,11 @@ class SE3:
         matrix[..., 3, 3] = 1.0
         return SE3.unchecked(matrix)
 
-    def apply(self, points_m: ArrayLike) -> NDArray[np.float64]:
+    def apply(self, points_m: ArrayLike) -> Array:
         """Return points (..., 3), given in frame b, in frame a; the batch broadcasts."""
         return self.rotation.apply(points_m) + self.translation_m
 
-    def adjoint(self) -> NDArray[np.float64]:
+    def adjoint(self) -> Array:
         """Return the adjoint (..., 6, 6), which takes twists in frame b to frame a."""
         R = self.rotation.matrix
         matrix = np.zeros((*R.shape[:-2], 6, 6))
@@ -144,17 +135,20 @@ class SE3:
 
 
 def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
-    """Return a pose, or that of a matrix (4, 4).
-
-    Raises:
-        TrocarError: it is not a pose, or there are several.
-    """
+    """Return a pose, or that of a matrix (4, 4) (TrocarError: it is not a pose, or there are several)."""
     T = SE3.of(pose)
     if T.matrix.ndim != 2:
         raise InvalidInput(what, f"needs one pose (4, 4), got {T.matrix.shape}", "pick one with [k]")
     return T
 
 
-def _shown(place_mm: NDArray[np.float64]) -> str:
+def _left_jacobian(w: Array) -> Array:
+    """Return the matrix (..., 3, 3) from a twist's translation to the pose's, for a rotation vector (..., 3)."""
+    W = skew(w)
+    _, b, c = exp_coefficients(np.sum(w * w, -1)[..., None, None])
+    return np.eye(3) + b * W + c * (W @ W)
+
+
+def _shown(place_mm: Array) -> str:
     """Return a position in words; zeros have no sign."""
     return f"({', '.join(f'{x:.1f}' for x in place_mm.round(1) + 0.0)})"

@@ -10,17 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
-from trocar.geometry.direction import direction
+from trocar.geometry.arrays import Array, direction, finite
 
-RIGID = 1e-6
-"""Columns of a rotation may miss unit length and right angles by this much: rounding, even of float32."""
-
+RIGID = 1e-6  # columns of a rotation may miss unit length and right angles by this much: rounding, even of float32
 SMALL_ANGLE_RAD = 1e-4
 """Below this angle the closed forms divide by almost 0; series to order four are exact to 1e-17 there."""
 
 
-def skew(v: ArrayLike) -> NDArray[np.float64]:
+def skew(v: ArrayLike) -> Array:
     """Return the matrix ``[v]x`` such that ``[v]x w = v x w``; (..., 3) -> (..., 3, 3)."""
     v = np.asarray(v, dtype=np.float64)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
@@ -42,7 +39,7 @@ class SO3:
         TrocarError: a matrix is not a rotation: of another shape, not finite, not orthonormal, or a reflection.
     """
 
-    matrix: NDArray[np.float64]
+    matrix: Array
 
     def __post_init__(self) -> None:
         matrix = finite("a rotation", self.matrix, ..., 3, 3)
@@ -50,7 +47,7 @@ class SO3:
         object.__setattr__(self, "matrix", matrix)
 
     @staticmethod
-    def unchecked(matrix: NDArray[np.float64]) -> SO3:
+    def unchecked(matrix: Array) -> SO3:
         """Return the rotation(s) of matrices (..., 3, 3) that are known to be valid, such as computed ones."""
         made = object.__new__(SO3)
         object.__setattr__(made, "matrix", matrix)
@@ -60,8 +57,7 @@ class SO3:
     def nearest(matrix: ArrayLike) -> SO3:
         """Return the rotation(s) nearest to matrices (..., 3, 3), such as rotations that were rounded in a file.
 
-        Raises:
-            TrocarError: a matrix has no nearest rotation: its columns do not span space, or it is a reflection.
+        Raises TrocarError: a matrix has no nearest rotation: its columns do not span space, or it is a reflection.
         """
         given = finite("a matrix", matrix, ..., 3, 3)
         u, sizes, vt = np.linalg.svd(given)
@@ -97,8 +93,7 @@ class SO3:
     def between(start: ArrayLike, end: ArrayLike) -> SO3:
         """Return the smallest rotation that takes one direction (3,) to another; for opposite ones, any half turn.
 
-        Raises:
-            TrocarError: one of them has no direction.
+        Raises TrocarError: one of them has no direction.
         """
         a, b = direction(start, "the first direction"), direction(end, "the second direction")
         axis, cosine = np.cross(a, b), float(a @ b)
@@ -122,7 +117,7 @@ class SO3:
         V = skew(v)
         return SO3.unchecked(np.eye(3) + 2 * w * V + 2 * V @ V)
 
-    def as_quaternion(self) -> NDArray[np.float64]:
+    def as_quaternion(self) -> Array:
         """Return the quaternion(s) wxyz (..., 4) with w >= 0 (Shepperd's method)."""
         # Each row is the quaternion times one of its own elements; normalising the row of the largest element never
         # divides by a small number.
@@ -139,7 +134,7 @@ class SO3:
         q = q / np.linalg.norm(q, axis=-1, keepdims=True)
         return np.where(q[..., :1] < 0, -q, q)
 
-    def log(self) -> NDArray[np.float64]:
+    def log(self) -> Array:
         """Return the rotation vector(s) (..., 3) in rad with length at most pi."""
         q = self.as_quaternion()
         w, v = q[..., :1], q[..., 1:]
@@ -151,11 +146,11 @@ class SO3:
         """Return ``R_b_a``."""
         return SO3.unchecked(np.swapaxes(self.matrix, -1, -2))
 
-    def apply(self, points: ArrayLike) -> NDArray[np.float64]:
+    def apply(self, points: ArrayLike) -> Array:
         """Rotate points (..., 3); the batch broadcasts against their leading axes."""
         return np.einsum("...ij,...j->...i", self.matrix, np.asarray(points, dtype=np.float64))
 
-    def angle(self) -> NDArray[np.float64]:
+    def angle(self) -> Array:
         """Return the angle of rotation (...,) in [0, pi] rad."""
         return np.linalg.norm(self.log(), axis=-1)
 
@@ -166,9 +161,11 @@ class SO3:
         return SO3.unchecked(picked("rotations", self.matrix, index))
 
     def __repr__(self) -> str:
-        if self.matrix.ndim > 2:
-            return f"<SO3 {self.matrix.shape[:-2]}: {_most(np.degrees(self.angle()))}>"
-        return f"<SO3 {self.about()}>"
+        if self.matrix.ndim == 2:
+            return f"<SO3 {self.about()}>"
+        degrees = np.degrees(self.angle())
+        turned = f"turned by up to {degrees.max():.1f} deg" if degrees.size else "none"
+        return f"<SO3 {self.matrix.shape[:-2]}: {turned}>"
 
     def about(self) -> str:
         """Return one rotation in words: angle and axis, such as ``90.0 deg about (0.00, 0.00, 1.00)``."""
@@ -179,31 +176,19 @@ class SO3:
         return f"{math.degrees(angle):.1f} deg about ({', '.join(f'{x:.2f}' for x in rotvec / angle)})"
 
 
-def _most(degrees: NDArray[np.float64]) -> str:
-    """Return the angles of a batch in words."""
-    return f"turned by up to {degrees.max():.1f} deg" if degrees.size else "none"
-
-
-def require_rotation(what: str, matrix: NDArray[np.float64]) -> None:
+def require_rotation(what: str, matrix: Array) -> None:
     """Raise TrocarError unless all of finite matrices (..., 3, 3) are rotations, to :data:`RIGID`."""
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers
-        off = np.nan_to_num(np.abs(np.swapaxes(matrix, -1, -2) @ matrix - np.eye(3)), nan=np.inf, posinf=np.inf).max(
-            (-2, -1)
-        )
+        off = np.abs(np.swapaxes(matrix, -1, -2) @ matrix - np.eye(3))
+    off = np.nan_to_num(off, nan=np.inf, posinf=np.inf).max((-2, -1))
     if np.any(off > RIGID):
-        raise InvalidInput(
-            what,
-            f"needs columns of length 1 at right angles to each other, "
-            f"but these are off by {off.max():.2g}{_which(off > RIGID)}",
-            "repair rounding with SO3.nearest(R), and remove any scale",
-        )
+        far = f"but these are off by {off.max():.2g}{_which(off > RIGID)}"
+        problem = f"needs columns of length 1 at right angles to each other, {far}"
+        raise InvalidInput(what, problem, "repair rounding with SO3.nearest(R), and remove any scale")
     mirrored = np.linalg.det(matrix) < 0
     if np.any(mirrored):
-        raise InvalidInput(
-            what,
-            f"has determinant -1{_which(mirrored)}: it is a reflection",
-            "one axis has the wrong sign, or two are swapped",
-        )
+        problem = f"has determinant -1{_which(mirrored)}: it is a reflection"
+        raise InvalidInput(what, problem, "one axis has the wrong sign, or two are swapped")
 
 
 def _which(wrong: NDArray[np.bool_]) -> str:
@@ -211,18 +196,17 @@ def _which(wrong: NDArray[np.bool_]) -> str:
     return f", first at {np.argwhere(wrong)[0].tolist()}" if wrong.ndim else ""
 
 
-def picked(what: str, matrix: NDArray[np.float64], index: Any) -> NDArray[np.float64]:
+def picked(what: str, matrix: Array, index: Any) -> Array:
     """Return some items of a batch (..., n, n) of matrices; rows and columns stay whole."""
     batch = matrix.shape[:-2]
     chosen = matrix[index]
     if chosen.shape[-2:] != matrix.shape[-2:]:
-        raise InvalidInput(
-            f"index {index!r:.60}", f"cuts {what} apart", f"a batch of shape {batch} has {len(batch)} axes"
-        )
+        remedy = f"a batch of shape {batch} has {len(batch)} axes"
+        raise InvalidInput(f"index {index!r:.60}", f"cuts {what} apart", remedy)
     return chosen
 
 
-def exp_coefficients(angle2: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray]:
+def exp_coefficients(angle2: Array) -> tuple[NDArray, NDArray, NDArray]:
     """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 as functions of t^2, accurate near 0 too."""
     small = angle2 < SMALL_ANGLE_RAD**2
     t2 = np.where(small, 1.0, angle2)

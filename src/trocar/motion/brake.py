@@ -10,29 +10,22 @@ from numpy.typing import NDArray
 from trocar.arms import MotionLimits
 from trocar.trajectory import Trajectory
 
-STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02
-"""Braking is integrated in steps in which the rate of the path's time changes by no more than this."""
-HEADROOM = 0.99
-"""Share of the acceleration limits that braking uses; the rest is a margin for what lies between two steps."""
-PATIENCE, GRACE_S = 2.0, 0.1
-"""Braking on the path may take up to this factor longer than the joints need by themselves, plus this time."""
+Array = NDArray[np.float64]
+
+STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02  # braking is integrated in steps of so much, and change of the rate
+HEADROOM = 0.99  # share of the acceleration limits that braking uses: a margin for what lies between two steps
+PATIENCE, GRACE_S = 2.0, 0.1  # on the path it may take this factor longer than the joints by themselves, plus this time
 STILL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Brake:
-    """How a motion comes to rest.
+    """How a motion comes to rest."""
 
-    Attributes:
-        times_s: (n,) since braking began.
-        path_s: (n,) time along the trajectory.
-        rate: (n,) how fast it runs; the last is 0.
-        off_path: if the path is left, the motion of the joints by themselves, from time 0; else None.
-    """
-
-    times_s: NDArray[np.float64]
-    path_s: NDArray[np.float64]
-    rate: NDArray[np.float64]
+    times_s: Array  # (n,) since braking began
+    path_s: Array  # (n,) time along the trajectory
+    rate: Array  # (n,) how fast it runs; the last is 0
+    # if the path is left, the motion of the joints by themselves, from time 0; else None
     off_path: Trajectory | None = None
 
     @property
@@ -40,11 +33,10 @@ class Brake:
         """Return the time until rest."""
         return float(self.times_s[-1])
 
-    def at(self, since_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, since_s: Array) -> tuple[Array, Array]:
         """Return the time along the path (n,) and its rate at times (n,) since braking began.
 
-        Between two steps the rate is linear, so the time along the path is quadratic; linear interpolation would make
-        the arm rattle.
+        Between two steps the rate is linear, so the time along the path is quadratic; else the arm would rattle.
         """
         row = np.clip(np.searchsorted(self.times_s, since_s, side="right") - 1, 0, len(self.times_s) - 1)
         rate = np.interp(since_s, self.times_s, self.rate)
@@ -52,26 +44,13 @@ class Brake:
         return self.path_s[row] + 0.5 * (self.rate[row] + rate) * within_s, rate
 
 
-def brake(
-    trajectory: Trajectory,
-    path_s: float,
-    limits: MotionLimits,
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-) -> Brake:
+def brake(trajectory: Trajectory, path_s: float, limits: MotionLimits, lower: Array, upper: Array) -> Brake:
     """Return how to come to rest from a motion ``path_s`` after its start, as fast as the limits allow.
 
     The arm stays on the path because its time runs slower and slower: with ``s`` for the time along the path, every
     joint accelerates by ``q' s'' + q'' s'^2``, which bounds ``s''`` from below; running on is always allowed. If a
     joint that is already braking as hard as it can would delay the others for long, the joints stop independently, off
-    the path, if their ranges allow it.
-
-    Args:
-        trajectory: the motion, within its limits.
-        path_s: time along it.
-        limits: of velocity and acceleration.
-        lower: (joints,) ranges.
-        upper: likewise.
+    the path, if their ranges (joints,) from ``lower`` to ``upper`` allow it.
     """
     on_path = _along_path(trajectory, path_s, limits)
     velocity = trajectory(path_s, 1)
@@ -110,9 +89,7 @@ def _along_path(trajectory: Trajectory, path_s: float, limits: MotionLimits) -> 
     return Brake(*np.array(rows).T)
 
 
-def _least_push(
-    velocity: NDArray[np.float64], acceleration: NDArray[np.float64], reach: NDArray[np.float64], rate: float
-) -> float:
+def _least_push(velocity: Array, acceleration: Array, reach: Array, rate: float) -> float:
     """Return the least ``s''`` (at most 0) that keeps every joint's acceleration, over rows (k, joints)."""
     carried = acceleration * rate * rate
     moves = np.abs(velocity) > STILL

@@ -4,42 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
+from trocar.arms import fk
 from trocar.errors import InvalidInput, LimitExceeded, MotionRefused, NoPlan, OutOfReach, TooNear
-from trocar.geometry import shown
-from trocar.motion.arm_motion import ArmMotion
-from trocar.motion.clearance import Clearance, swept_clearance
-from trocar.motion.limits import KEPT, LimitUse, knot_jumps, limit_use
-from trocar.motion.moving_arm import MovingArm
-from trocar.motion.path import TimedPath
-from trocar.motion.planners import Demand
-from trocar.motion.problem import MotionProblem
-from trocar.motion.tip import tip_use
-from trocar.motion.tolerances import line_deviation
+from trocar.geometry import SE3, SO3, shown
+from trocar.motion.clearance import Clearance, clearance_of
+from trocar.motion.limits import CHECK_STEP_S, KEPT, LimitUse, knot_jumps, limit_use
+from trocar.motion.planners import Demand, TimedPath
+from trocar.motion.problem import ArmMotion, MotionProblem
+from trocar.trajectory import Trajectory
 
-REACHED = 1e-6
-"""How far (rad, m, and per second) a motion may miss a waypoint, its start, its rest, or itself at a knot."""
+Array = NDArray[np.float64]
 
-TIP_KEPT = 1 + 1e-6
-"""The speed limit of the tip counts as kept up to this factor, since the speed is a difference quotient."""
-
-ROUNDED = 1e-9
-"""By how much a tolerance (m, rad) may be exceeded."""
-
-DISTANCE_M = 1e-5
-"""Accuracy of the least distance: a planner that stops exactly at the limit keeps it."""
+REACHED = 1e-6  # how far (rad, m, per second) a waypoint, start or rest may be missed, and a knot may jump
+TIP_KEPT = 1 + 1e-6  # a tip's speed limit counts as kept up to this factor: the speed is a difference quotient
+ROUNDED = 1e-9  # by how much a tolerance (m, rad) may be exceeded
+DISTANCE_M = 1e-5  # accuracy of the least distance: a planner that stops exactly at the limit keeps it
+SHORT_M = 1e-6  # a piece whose ends are closer only rotates; the rotation then tells how much of it is done
+TIP_STEP_S = 0.02  # time between samples of the tip
+WIDTH = 1e-6  # half step (rad, m) of the difference quotient for the tip's speed
 
 
 @dataclass(frozen=True)
 class Violation:
-    """A requirement that is violated.
-
-    Attributes:
-        demand: which one.
-        error: by how much, as a typed error.
-    """
+    """A requirement that is violated, and by how much, as a typed error."""
 
     demand: Demand
     error: MotionRefused
@@ -50,17 +42,11 @@ class Violation:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What the check found.
+    """What the check found."""
 
-    Attributes:
-        use: what each arm uses of its limits.
-        clearance: the least distance between arms and to obstacles.
-        violations: every violated requirement, worst kind first within each arm.
-    """
-
-    use: Mapping[str, LimitUse]
-    clearance: Clearance
-    violations: tuple[Violation, ...]
+    use: Mapping[str, LimitUse]  # what each arm uses of its limits
+    clearance: Clearance  # the least distance between arms and to obstacles
+    violations: tuple[Violation, ...]  # every violated requirement, worst kind first within each arm
 
 
 def check(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Check:
@@ -80,7 +66,7 @@ def check(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Check:
         violations += _limits(name, arm, use[name], problem.range_slack)
         violations += _straight(name, arm, paths[name], problem)
         violations += _tip(name, arm, paths[name])
-    clearance = _clearance(problem, paths)
+    clearance = clearance_of(problem, [paths[name].trajectory for name in problem.arms], DISTANCE_M)
     if clearance.distance_m < problem.min_distance_m - DISTANCE_M:
         violations.append(Violation(Demand.DISTANCES, _too_near(clearance, problem.min_distance_m)))
     return Check(use, clearance, tuple(violations))
@@ -89,18 +75,13 @@ def check(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Check:
 def _require_shape(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> None:
     for name, arm in problem.arms.items():
         path, count = paths[name], len(arm.waypoints)
-        joints = path.trajectory.coefficients.shape[2]
-        if joints != len(arm.model.joints):
-            raise InvalidInput(
-                "a planner", f"returned {joints} joints for arm '{name}'", f"it has {len(arm.model.joints)}"
-            )
+        joints, wanted = path.trajectory.coefficients.shape[2], len(arm.model.joints)
+        if joints != wanted:
+            raise InvalidInput("a planner", f"returned {joints} joints for arm '{name}'", f"it has {wanted}")
         times = path.waypoint_times_s
         if times.shape != (count,) or not np.isfinite(times).all() or np.any(np.diff(times) < 0):
-            raise InvalidInput(
-                f"a planner returned {times.tolist()} s for the {count} waypoints",
-                f"of arm '{name}'",
-                "it must say when each is passed, in order",
-            )
+            told = f"a planner returned {times.tolist()} s for the {count} waypoints"
+            raise InvalidInput(told, f"of arm '{name}'", "it must say when each is passed, in order")
         starts_s = float(path.trajectory.times_s[0]), float(times[0])
         if starts_s != (0.0, 0.0):
             raise InvalidInput("a planner's motion", f"of arm '{name}' starts at {max(starts_s)} s", "all start at 0")
@@ -130,8 +111,7 @@ def _waypoints(name: str, arm: ArmMotion, path: TimedPath) -> Iterator[Violation
 
 def _limits(name: str, arm: ArmMotion, use: LimitUse, range_slack: float) -> Iterator[Violation]:
     """Yield violations of the joints' limits and ranges."""
-    shares = ((Demand.LIMITS, "velocity"), (Demand.LIMITS, "acceleration"), (Demand.JERK, "jerk"))
-    for demand, what in shares:
+    for demand, what in ((Demand.LIMITS, "velocity"), (Demand.LIMITS, "acceleration"), (Demand.JERK, "jerk")):
         share = getattr(use, what)
         if share.max() > KEPT:
             joint = arm.model.joints[int(np.argmax(share))].name
@@ -161,7 +141,7 @@ def _straight(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem
 
 
 def _tip(name: str, arm: ArmMotion, path: TimedPath) -> Iterator[Violation]:
-    """Yield violations where the tip is too fast or does not face what it should; at 50 Hz and at all knots."""
+    """Yield violations where the tip is too fast or does not face what it should."""
     speed, angle = tip_use(arm, path.trajectory)
     if speed > TIP_KEPT * arm.max_tip_m_s:
         sentence = f"the tip of '{name}' moves at up to {speed:.4f} m/s, not {arm.max_tip_m_s:.4f}"
@@ -171,32 +151,73 @@ def _tip(name: str, arm: ArmMotion, path: TimedPath) -> Iterator[Violation]:
         yield Violation(Demand.FACING, NoPlan(sentence))
 
 
-def _clearance(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Clearance:
-    """Return how near arms and obstacles come, from the common start until all arms rest."""
-    arms = {
-        name: MovingArm(arm.model, paths[name].trajectory, arm.T_world_base, jaw_rad=arm.jaw_rad)
-        for name, arm in problem.arms.items()
-    }
-    last_s = max(arm.end_s for arm in (*arms.values(), *problem.others.values()))
-    return swept_clearance(
-        arms,
-        others=problem.others,
-        obstacles=problem.obstacles,
-        span_s=(0.0, last_s),
-        enough_m=problem.min_distance_m,
-        resolution_m=DISTANCE_M,
-    )
-
-
 def _too_near(clearance: Clearance, min_distance_m: float) -> TooNear:
     a, b = clearance.between
-    near = shown(max(0.0, clearance.distance_m), "m", ".2f")
+    near, wanted = (shown(max(0.0, value), "m", ".2f") for value in (clearance.distance_m, min_distance_m))
     how = "overlaps" if clearance.sampled_m <= 0 else f"may come within {near} of"
-    return TooNear(
-        f"{a} {how} {b} at {clearance.time_s:.3f} s; {shown(min_distance_m, 'm', '.2f')} were to be kept",
-        first=a,
-        second=b,
-        distance_m=clearance.distance_m,
-        required_m=min_distance_m,
-        arms=clearance.arms,
-    )
+    sentence = f"{a} {how} {b} at {clearance.time_s:.3f} s; {wanted} were to be kept"
+    away_m, arms = clearance.distance_m, clearance.arms
+    return TooNear(sentence, first=a, second=b, distance_m=away_m, required_m=min_distance_m, arms=arms)
+
+
+def line_deviation(motion: ArmMotion, path: TimedPath, piece: int) -> tuple[float, float]:
+    """Return how far the tip deviates from the line between two waypoints (m), and from the shortest turn (rad).
+
+    At 1 kHz. At each instant the projection of the tip on the line tells how much of the piece is done, and so how far
+    the tip should have turned. The piece lies between the waypoints of its index and the next.
+    """
+    begin, end = fk(motion.model, motion.waypoints[piece]), fk(motion.model, motion.waypoints[piece + 1])
+    tips = _tips(motion, path, piece)
+    line, turn = end.translation_m - begin.translation_m, (begin.rotation.inverse() @ end.rotation).log()
+    gone, turned = tips.translation_m - begin.translation_m, (begin.rotation.inverse() @ tips.rotation).log()
+    if np.linalg.norm(line) > SHORT_M:
+        done = gone @ line / (line @ line)
+    else:
+        done = turned @ turn / max(float(turn @ turn), 1e-12)
+    done = np.clip(done, 0.0, 1.0)[:, None]
+    still_to_turn = (SO3.exp(done * turn).inverse() @ SO3.exp(turned)).log()
+    off_m, off_rad = np.linalg.norm(gone - done * line, axis=1), np.linalg.norm(still_to_turn, axis=1)
+    return float(off_m.max()), float(off_rad.max())
+
+
+def vertical_deviation_m(motion: ArmMotion, path: TimedPath) -> float:
+    """Return how far the tip deviates from the verticals of a transfer, along ``up``, at 1 kHz.
+
+    From the one through its first waypoint while it lifts off, on the first piece; from the one through its last
+    waypoint while it lowers, on the last piece.
+    """
+    deviations = []
+    for piece, foot in ((0, 0), (len(motion.waypoints) - 2, -1)):
+        off = _tips(motion, path, piece).translation_m - fk(motion.model, motion.waypoints[foot]).translation_m
+        deviations.append(np.linalg.norm(off - (off @ motion.up)[:, None] * motion.up, axis=1).max())
+    return float(max(deviations))
+
+
+def _tips(motion: ArmMotion, path: TimedPath, piece: int) -> SE3:
+    """Return the poses of the tip on a piece, at 1 kHz and at both ends."""
+    begin, end = path.waypoint_times_s[piece : piece + 2]
+    times: Array = np.linspace(begin, end, int(np.ceil((end - begin) / CHECK_STEP_S)) + 1)
+    return fk(motion.model, path.trajectory(times))
+
+
+def tip_speeds_m_s(arm: ArmMotion, q: Array, velocity: Array) -> Array:
+    """Return the speeds (n,) of the tip at joints (n, 6) that move with velocities (n, 6)."""
+    scale = WIDTH / np.maximum(1e-9, np.abs(velocity).max(axis=1, keepdims=True))
+    ahead = fk(arm.model, np.stack([q + scale * velocity, q - scale * velocity])).translation_m
+    return np.linalg.norm(ahead[0] - ahead[1], axis=1) / (2 * scale[:, 0])
+
+
+def tip_use(arm: ArmMotion, motion: Trajectory) -> tuple[float, float]:
+    """Return the greatest speed of the tip (m/s), and its greatest facing angle (rad), at 50 Hz and at all knots.
+
+    Each is 0 if the arm has no such constraint.
+    """
+    if arm.max_tip_m_s == inf and arm.facing is None:
+        return 0.0, 0.0
+    times = np.union1d(motion.sample(TIP_STEP_S)[0], motion.times_s)
+    q, speed, angle = motion(times), 0.0, 0.0
+    if arm.max_tip_m_s < inf:
+        speed = float(tip_speeds_m_s(arm, q, motion(times, 1)).max())
+    if arm.facing is not None:
+        angle = float(arm.facing.angle_rad(arm.T_world_base @ fk(arm.model, q)).max())
+    return speed, angle

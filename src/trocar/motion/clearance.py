@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, inf
 
@@ -11,22 +11,16 @@ from numpy.typing import NDArray
 
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput
-from trocar.geometry.capsules import segment_gaps_m
-from trocar.motion.bodies import Bodies
-from trocar.motion.moving_arm import MovingArm
-from trocar.motion.obstacles import Obstacle
+from trocar.geometry.arrays import Array
+from trocar.geometry.capsules import nearest_m
+from trocar.motion.bodies import Bodies, MovingArm, Obstacle
+from trocar.motion.problem import MotionProblem
+from trocar.trajectory import Trajectory
 
-COARSE_S, COARSE = 0.04, 64
-"""Longest interval between the first samples; and the maximum number of intervals for any span."""
-
-STRETCH = 8
-"""Intervals in which a pair of capsules is examined together, or skipped if boxes show it to be far apart."""
-
-SPLIT = 8
-"""Number of parts into which an interval that may hide something is cut."""
-
-MERGED_S = 1e-9
-"""Samples closer than this count as one."""
+COARSE_S, COARSE = 0.04, 64  # longest interval between the first samples, and the most intervals for any span
+STRETCH = 8  # intervals in which a pair of capsules is examined together, or skipped if boxes show it to be far apart
+SPLIT = 8  # number of parts into which an interval that may hide something is cut
+MERGED_S = 1e-9  # samples closer than this count as one
 
 
 @dataclass(frozen=True)
@@ -119,7 +113,24 @@ def swept_clearance(
     return Clearance(floor, best, when_s, between, bodies.arms_of(bodies.pairs[which]))
 
 
-def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> NDArray[np.float64]:
+def clearance_of(
+    problem: MotionProblem, motions: Sequence[Trajectory], resolution_m: float, too_near_m: float = -inf
+) -> Clearance:
+    """Return how near the arms of a problem come to each other and to all else, until everything rests.
+
+    The motions are those of the arms in order; if nothing else moves, they may be paths with any common timing.
+    """
+    arms = {
+        name: MovingArm(arm.model, motion, arm.T_world_base, jaw_rad=arm.jaw_rad)
+        for (name, arm), motion in zip(problem.arms.items(), motions, strict=True)
+    }
+    others, obstacles, enough_m = problem.others, problem.obstacles, problem.min_distance_m
+    span_s = 0.0, max(arm.end_s for arm in (*arms.values(), *others.values()))
+    wanted = {"enough_m": enough_m, "too_near_m": too_near_m, "resolution_m": resolution_m}
+    return swept_clearance(arms, others=others, obstacles=obstacles, span_s=span_s, **wanted)
+
+
+def _first_samples(bodies: Bodies, span_s: tuple[float, float] | None) -> Array:
     """Return times over the span, all knots among them: between two of them every joint follows one polynomial."""
     begin = min(arm.start_s for arm in bodies.movers) if span_s is None else float(span_s[0])
     end = max(arm.end_s for arm in bodies.movers) if span_s is None else float(span_s[1])
@@ -139,21 +150,13 @@ def _stretches(samples: int) -> NDArray[np.intp]:
 
 
 def _near(
-    bodies: Bodies, knots: NDArray[np.float64], ends: NDArray[np.float64], bends: NDArray[np.float64], enough_m: float
+    bodies: Bodies, knots: Array, ends: Array, bends: Array, enough_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], float]:
     """Return the pairs of capsules, and the stretches, in which they may be closer than ``enough_m``.
 
     Within a stretch, a capsule stays in the box round its samples, widened by how much its path bends between them.
-
-    Args:
-        bodies: the capsules over time.
-        knots: (n,) samples.
-        ends: (n, bodies, 2, 3) of the capsules there, m.
-        bends: (n - 1, bodies) bounds of the accelerations between them, m/s^2.
-        enough_m: a larger distance need not be known more precisely.
-
-    Returns:
-        (rows,) index of the pair; (rows,) index of the stretch; how far apart all others are at least, m.
+    Samples (n,) with ends (n, bodies, 2, 3) of the capsules there, and (n - 1, bodies) bounds of the accelerations
+    between them, give (rows,) index of the pair, (rows,) index of the stretch, and how far apart all others are, m.
     """
     where = _stretches(len(knots))
     hidden_m = bends * np.diff(knots)[:, None] ** 2 / 8
@@ -170,13 +173,7 @@ def _near(
     return pair, stretch, float(apart_m[~kept].min(initial=inf))
 
 
-def _measured(
-    bodies: Bodies,
-    times: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    pair: NDArray[np.intp],
-    bend: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _measured(bodies: Bodies, times: Array, ends: Array, pair: NDArray[np.intp], bend: Array) -> tuple[Array, Array]:
     """Return distances (rows, samples) of pairs of capsules, and lower bounds (rows, samples - 1) in between, m.
 
     Take both capsules to move straight between two samples. The vector between any point of one and any point
@@ -184,16 +181,12 @@ def _measured(
     the mean of the distances. Or: projected on the direction of the shortest vector at one sample, nothing is nearer at
     the other sample than some pair of ends. The better bound counts, minus the bend of the true paths.
 
-    Args:
-        bodies: the capsules over time.
-        times: (rows, samples).
-        ends: (rows, samples, 2 capsules, 2 ends, 3) of the pairs then, m.
-        pair: (rows,) which pair each row is about.
-        bend: (rows, samples - 1) or (rows, 1) bounds of their accelerations, summed, m/s^2.
+    Each row is about a pair (rows,) with times (rows, samples), ends (rows, samples, 2 capsules, 2 ends, 3) and bounds
+    of their accelerations, summed, (rows, samples - 1) or (rows, 1), m/s^2.
     """
     p, q, (a, b) = ends[:, :, 0], ends[:, :, 1], bodies.pairs[pair].T[..., None]
     radii = bodies.radii_m[a] + bodies.radii_m[b]
-    gaps = segment_gaps_m(p[..., 0, :], p[..., 1, :], q[..., 0, :], q[..., 1, :])
+    gaps, _, _ = nearest_m(p[..., 0, :], p[..., 1, :], q[..., 0, :], q[..., 1, :])
     lengths = np.sqrt(np.einsum("...i,...i->...", gaps, gaps))
     ways = gaps / np.where(lengths > 0, lengths, 1.0)[..., None]
     between = p[..., :, None, :] - q[..., None, :, :]  # (rows, samples, 2 ends of one, 2 of the other, 3)

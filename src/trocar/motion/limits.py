@@ -13,6 +13,8 @@ from trocar.arms import ArmModel, MotionLimits
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.trajectory import Trajectory
 
+Array = NDArray[np.float64]
+
 CHECK_STEP_S = 1e-3  # ten times finer than the control period of the dVRK, 10 ms
 KEPT = 1 + 1e-9  # a ratio up to this counts as kept: planners use the full limit, and floats round
 JUMP = 1e-6  # share of the acceleration limit by which an acceleration may differ on the two sides of a knot
@@ -29,10 +31,10 @@ class LimitUse:
         range_excess: (joints,) how far each joint leaves its range, rad or m; 0 inside.
     """
 
-    velocity: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    jerk: NDArray[np.float64]
-    range_excess: NDArray[np.float64]
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    range_excess: Array
 
     @property
     def velocity_ratio(self) -> float:
@@ -70,11 +72,8 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     """
     times, joints = trajectory.times_s, trajectory.coefficients.shape[2]
     if not joints == len(arm.joints) == len(limits.velocity):
-        raise InvalidInput(
-            arm.name,
-            f"has {len(arm.joints)} joints, its trajectory {joints} and the limits {len(limits.velocity)}",
-            "give what belongs together",
-        )
+        problem = f"has {len(arm.joints)} joints, its trajectory {joints} and the limits {len(limits.velocity)}"
+        raise InvalidInput(arm.name, problem, "give what belongs together")
     pieces = np.arange(len(times) - 1)
     orders = (0, 1, 2) if limits.jerk is None else (0, 1, 2, 3)
     # every sample is assigned to a piece; a knot belongs to the piece before it and to the one after it
@@ -90,30 +89,25 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     if limits.jerk is not None:
         jerk = np.abs(jerks[0]).max(axis=1) / limits.jerk
         jerk[_acceleration_jumps(trajectory, limits)] = np.inf
-    return LimitUse(
-        velocity=np.abs(v).max(axis=1) / limits.velocity,
-        acceleration=np.abs(a).max(axis=1) / limits.acceleration,
-        jerk=jerk,
-        range_excess=np.maximum(0.0, np.maximum(arm.lower - q.min(axis=1), q.max(axis=1) - arm.upper)),
-    )
+    speed, push = np.abs(v).max(axis=1) / limits.velocity, np.abs(a).max(axis=1) / limits.acceleration
+    beyond = np.maximum(0.0, np.maximum(arm.lower - q.min(axis=1), q.max(axis=1) - arm.upper))
+    return LimitUse(speed, push, jerk, beyond)
 
 
-def require_range(arm: ArmModel, trajectory: Trajectory, slack: float = 0.0) -> None:
-    """Raise if a joint leaves its range, widened by the share ``slack``, anywhere on the trajectory."""
+def require_range(arm: ArmModel, trajectory: Trajectory) -> None:
+    """Raise if a joint leaves its range anywhere on the trajectory."""
     any_limits = MotionLimits(np.ones(len(arm.joints)), np.ones(len(arm.joints)))
     use = limit_use(arm, trajectory, any_limits)
     for joint, excess in zip(arm.joints, use.range_excess, strict=True):
-        if excess > slack * (joint.upper - joint.lower):
-            raise OutOfReach(
+        if excess > 0.0:
+            sentence = (
                 f"the planned motion takes joint '{joint.name}' {excess:.4f} {joint.unit} out of its range "
-                f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints; move the waypoints inwards",
-                arm=arm.name,
-                joint=joint.name,
-                by=float(excess),
+                f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints; move the waypoints inwards"
             )
+            raise OutOfReach(sentence, arm=arm.name, joint=joint.name, by=float(excess))
 
 
-def knot_jumps(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
+def knot_jumps(trajectory: Trajectory, order: int) -> Array:
     """Return by how much the derivative of this order differs before and after each inner knot: (joints, knots)."""
     times, after = trajectory.times_s, np.arange(1, len(trajectory.times_s) - 1)
     (left,) = _derivatives(trajectory, after - 1, times[after] - times[after - 1], (order,))
@@ -121,7 +115,7 @@ def knot_jumps(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
     return np.abs(left - right)
 
 
-def hulls(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
+def hulls(trajectory: Trajectory, order: int) -> Array:
     """Return values (k, pieces, joints) between whose extremes the derivative stays on each piece, ends included.
 
     They are the coefficients of Bernstein's polynomials: a polynomial lies in their hull.
@@ -136,7 +130,7 @@ def hulls(trajectory: Trajectory, order: int) -> NDArray[np.float64]:
     return np.tensordot(np.array(weights), powers, axes=1)
 
 
-def _beyond(trajectory: Trajectory, order: int, at_knots: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _beyond(trajectory: Trajectory, order: int, at_knots: Array) -> NDArray[np.bool_]:
     """Return the pieces (pieces,) on which a derivative may exceed its values (joints, n) at the knots."""
     hull = hulls(trajectory, order)
     low, high = at_knots.min(axis=1), at_knots.max(axis=1)
@@ -155,9 +149,7 @@ def _acceleration_jumps(trajectory: Trajectory, limits: MotionLimits) -> NDArray
     return np.any(jumps > JUMP * limits.acceleration[:, None], axis=1)
 
 
-def _derivatives(
-    trajectory: Trajectory, piece: NDArray[np.intp], since_s: NDArray[np.float64], orders: Sequence[int]
-) -> list[NDArray[np.float64]]:
+def _derivatives(trajectory: Trajectory, piece: NDArray[np.intp], since_s: Array, orders: Sequence[int]) -> list[Array]:
     """Return derivatives ``since_s`` after the start of these pieces, seen from within them: (joints, n) each."""
     degree = len(trajectory.coefficients) - 1
     # joints before samples: whole rows are then multiplied by the times, which halves the time of a check

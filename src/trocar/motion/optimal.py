@@ -12,29 +12,22 @@ from scipy.interpolate import CubicSpline
 from trocar.arms import MotionLimits, fk
 from trocar.errors import ArmMoving
 from trocar.geometry import SE3
-from trocar.motion.arm_motion import ArmMotion
-from trocar.motion.path import TimedPath
-from trocar.motion.phases import joined, phases_between, shortest_common_s
-from trocar.motion.planners import Demand, ignores
-from trocar.motion.problem import MotionProblem
+from trocar.motion.double_integrator import joined, phases_between, shortest_common_s
+from trocar.motion.planners import Demand, TimedPath, ignores
+from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.motion.straight_line import Sprint, StraightLine
 from trocar.trajectory import Trajectory
 
-RATES = 16
-"""Number of passing speeds tried at each end of the free piece."""
-FINE, ZOOMS = 9, 2
-"""Number of speeds tried round the best one, and how often this is repeated."""
-HEADROOM = 1e-6
-"""Share of the acceleration limits kept in reserve for what lies between two knots of a straight piece."""
-SAG_M, SAG_SAMPLES = 1e-5, 40
-"""Between straight pieces, the tip passes no lower than this below both ends; checked at this many samples."""
-TIGHTER = 4
-"""Maximum number of times that a motion is replanned, each time with less acceleration, by the excess before."""
-PARALLEL = 1e-3
-"""Sine of the angle, and rotation in rad, up to which a piece counts as being along ``up``."""
+Array = NDArray[np.float64]
+
+RATES = 16  # number of passing speeds tried at each end of the free piece
+FINE, ZOOMS = 9, 2  # number of speeds tried round the best one, and how often this is repeated
+HEADROOM = 1e-6  # share of the acceleration limits kept in reserve for what lies between two knots of a straight piece
+SAG_M, SAG_SAMPLES = 1e-5, 40  # between straight pieces, the tip sinks no lower than this below both ends, at samples
+TIGHTER = 4  # maximum number of times that a motion is replanned, with less acceleration by the excess before
+PARALLEL = 1e-3  # sine of the angle, and rotation in rad, up to which a piece counts as being along ``up``
+# The same if the wrist is still, so that the tip rotates: twice the .13 rad of a 26 mm lift, 200 mm from the centre.
 NEARLY = 0.25
-"""The same if the wrist is to be still, so that the tip rotates: twice the .13 rad of a 26 mm lift, 200 mm from the
-remote centre."""
 
 
 @ignores(Demand.DISTANCES, Demand.JERK, Demand.TIP_SPEED, Demand.FACING)
@@ -59,36 +52,24 @@ def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """Pieces between two rests: a free one, with a straight one before it, after it or both; or a single straight one.
+    """A free piece between two rests, with a straight one before it, after it or both."""
 
-    Attributes:
-        lift: the straight piece before, from rest.
-        lower: the straight piece after, reversed, and so from rest too.
-        free: (2, joints) start and end of the free piece; None: only a straight piece, ``lift``.
-        v0: (joints,) velocity at the start, where a free piece comes first.
-        limits: of the joints.
-        arm: whose joints.
-    """
-
-    lift: StraightLine | None
-    lower: StraightLine | None
-    free: NDArray[np.float64] | None
-    v0: NDArray[np.float64]
-    limits: MotionLimits
-    arm: ArmMotion
+    lift: StraightLine | None  # the straight piece before, from rest
+    lower: StraightLine | None  # the straight piece after, reversed, and so from rest too
+    free: Array  # (2, joints) start and end of the free piece
+    v0: Array  # (joints,) velocity at the start, where the free piece comes first
+    limits: MotionLimits  # of the joints
+    arm: ArmMotion  # whose joints
 
     def pieces(self) -> list[Trajectory]:
         """Return the motions of the pieces, in order."""
         motions = self._fastest()
-        if self.free is None or self.v0.any() or self._rises(motions[int(self.lift is not None)]):
+        if self.v0.any() or self._rises(motions[int(self.lift is not None)]):
             return motions
         begin, end = self.free[:, None]
         (level,) = StraightLine.between(self.arm.model, begin, end, self.limits)
-        lines = [line for line in (self.lift, level) if line is not None]
-        motions = [Sprint.to(line, np.zeros(1)).trajectory(0) for line in lines]
-        if self.lower is not None:
-            motions.append(Sprint.to(self.lower, np.zeros(1)).trajectory(0, backwards=True))
-        return motions
+        motions = [_from_rest_to_rest(line) for line in (self.lift, level) if line is not None]
+        return motions if self.lower is None else [*motions, _from_rest_to_rest(self.lower, backwards=True)]
 
     def _rises(self, between: Trajectory) -> bool:
         """Return whether the free piece stays above its lower end, where a piece next to it lies along ``up``."""
@@ -103,35 +84,22 @@ class _Stage:
 
     def _fastest(self) -> list[Trajectory]:
         """Return the motions of the pieces without regard to sagging."""
-        if self.free is None:
-            assert self.lift is not None  # a stage has one of them
-            return [Sprint.to(self.lift, np.zeros(1)).trajectory(0)]
-        first, last = self._best_rates()
-        motions = []
+        (first, last), lift, lower = self._best_rates(), [], []
         v0, v1 = self.v0, np.zeros_like(self.v0)
         if self.lift is not None:
             sprint = Sprint.to(self.lift, np.array([first]))
-            motions.append(sprint.trajectory(0))
-            v0 = sprint.rates[0] * self.lift.slope[-1]
-        end = None
+            lift, v0 = [sprint.trajectory()], sprint.rates[0] * self.lift.slope[-1]
         if self.lower is not None:
             sprint = Sprint.to(self.lower, np.array([last]))
-            end = sprint.trajectory(0, backwards=True)
-            v1 = -sprint.rates[0] * self.lower.slope[-1]
-        motions.append(self._between(v0, v1))
-        return motions + [end] * (end is not None)  # type: ignore[list-item]
-
-    def _between(self, v0: NDArray[np.float64], v1: NDArray[np.float64]) -> Trajectory:
-        """Return the free piece between two velocities (joints,)."""
-        assert self.free is not None  # its caller knows
+            lower, v1 = [sprint.trajectory(backwards=True)], -sprint.rates[0] * self.lower.slope[-1]
         step, velocity = self.free[1] - self.free[0], self.limits.velocity
         seconds = float(shortest_common_s(step, v0, v1, velocity, self.limits.acceleration))
         joints = zip(step, v0, v1, velocity, strict=True)
-        return joined(self.free[0], v0, [phases_between(d, a, b, seconds, top) for d, a, b, top in joints], seconds)
+        phases = [phases_between(d, a, b, seconds, top) for d, a, b, top in joints]
+        return [*lift, joined(self.free[0], v0, phases, seconds), *lower]
 
     def _best_rates(self) -> tuple[float, float]:
         """Return the rates ds/dt at which the straight pieces before and after are left and come to; 0: none."""
-        assert self.free is not None  # its caller knows
         ends = [_End.of(line) for line in (self.lift, self.lower)]
         step = self.free[1] - self.free[0]
         grids = [end.first_grid() for end in ends]
@@ -139,9 +107,8 @@ class _Stage:
         for _ in range(ZOOMS + 1):
             v0 = grids[0][:, None, None] * ends[0].slope if self.lift is not None else self.v0
             v1 = -grids[1][None, :, None] * ends[1].slope
-            between_s = shortest_common_s(
-                step, v0 + 0 * v1, v1 + 0 * v0, self.limits.velocity, self.limits.acceleration
-            )
+            limits = self.limits.velocity, self.limits.acceleration
+            between_s = shortest_common_s(step, v0 + 0 * v1, v1 + 0 * v0, *limits)
             total_s = ends[0].seconds(grids[0])[:, None] + between_s + ends[1].seconds(grids[1])
             places = np.unravel_index(int(np.argmin(total_s)), total_s.shape)
             best = [float(grid[place]) for grid, place in zip(grids, places, strict=True)]
@@ -153,43 +120,41 @@ class _Stage:
 class _End:
     """What a straight piece costs, by the rate at its end; without a piece there is one rate, 0, and it costs nothing.
 
-    Attributes:
-        top: greatest rate.
-        slope: (joints,) by which the rate becomes velocities.
-        seconds: function of rates.
+    The greatest rate, the slope (joints,) by which a rate becomes velocities, and a function of rates: the seconds.
     """
 
     top: float
-    slope: NDArray[np.float64] | float
-    seconds: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    slope: Array | float
+    seconds: Callable[[Array], Array]
 
     @classmethod
     def of(cls, line: StraightLine | None) -> _End:
-        """Return the costs of a line."""
         if line is None:
             return cls(0.0, 0.0, np.zeros_like)
         sprint = Sprint.to(line, np.linspace(0.0, line.fastest_rate, RATES))
         return cls(float(sprint.rates[-1]), line.slope[-1], CubicSpline(sprint.rates, sprint.seconds))
 
-    def first_grid(self) -> NDArray[np.float64]:
+    def first_grid(self) -> Array:
         """Return rates from 0 to the greatest."""
         return np.linspace(0.0, self.top, RATES) if self.top else np.zeros(1)
 
-    def finer(self, grid: NDArray[np.float64], place: int) -> NDArray[np.float64]:
+    def finer(self, grid: Array, place: int) -> Array:
         """Return rates round one of a grid, to its neighbours."""
         if len(grid) == 1:
             return grid
         return np.linspace(grid[max(0, place - 1)], grid[min(len(grid) - 1, place + 1)], FINE)
 
 
+def _from_rest_to_rest(line: StraightLine, *, backwards: bool = False) -> Trajectory:
+    return Sprint.to(line, np.zeros(1)).trajectory(backwards=backwards)
+
+
 def _planned(arm: ArmMotion) -> TimedPath:
     """Return one arm's motion, within its limits between the knots of straight pieces too."""
     straight = straight_pieces(arm)
     if straight[0] and arm.moves:
-        raise ArmMoving(
-            arm.model.name,
-            "'optimal' starts a straight piece from rest: let the arm come to rest, or put a free piece first",
-        )
+        advice = "'optimal' starts a straight piece from rest: let the arm come to rest, or put a free piece first"
+        raise ArmMoving(arm.model.name, advice)
     share, most = 1 - HEADROOM, np.asarray(arm.limits.acceleration)
     path = _joined(arm, straight, replace(arm.limits, acceleration=share * most))
     for _ in range(TIGHTER):
@@ -201,7 +166,7 @@ def _planned(arm: ArmMotion) -> TimedPath:
     return path
 
 
-def _most_acceleration(motion: Trajectory) -> NDArray[np.float64]:
+def _most_acceleration(motion: Trajectory) -> Array:
     """Return the greatest acceleration (joints,) between the knots of polynomials of up to degree five."""
     if len(motion.coefficients) < 6:
         return np.zeros(motion.coefficients.shape[2])
@@ -215,46 +180,37 @@ def _most_acceleration(motion: Trajectory) -> NDArray[np.float64]:
 
 def _joined(arm: ArmMotion, straight: tuple[bool, ...], limits: MotionLimits) -> TimedPath:
     """Return one arm's motion, planned with these limits."""
-    lines = _lines(arm, straight, limits)
+    which = np.flatnonzero(straight)
+    lines: dict[int, StraightLine] = {}
+    if len(which):
+        found = StraightLine.between(arm.model, arm.waypoints[which], arm.waypoints[which + 1], limits)
+        lines = dict(zip(which.tolist(), found, strict=True))
     motions: list[Trajectory] = []
-    piece, count = 0, len(straight)
-    while piece < count:
+    piece = 0
+    while piece < len(straight):
         lift = lines.get(piece)
         free = piece + (lift is not None)
-        if free == count or straight[free]:
-            stage = _Stage(lift, None, None, np.zeros(len(limits.velocity)), limits, arm)
+        if lift is not None and (free == len(straight) or straight[free]):
+            motions.append(_from_rest_to_rest(lift))
             piece = free
-        else:
-            after = free + 1 in lines
-            lower = lines[free + 1].reversed() if after else None
-            v0 = arm.start_velocity if free == 0 else np.zeros(len(limits.velocity))
-            stage = _Stage(lift, lower, arm.waypoints[free : free + 2], v0, limits, arm)
-            piece = free + 1 + after
-        motions += stage.pieces()
+            continue
+        after = free + 1 in lines
+        lower = lines[free + 1].reversed() if after else None
+        v0 = arm.start_velocity if free == 0 else np.zeros(JOINTS)
+        motions += _Stage(lift, lower, arm.waypoints[free : free + 2], v0, limits, arm).pieces()
+        piece = free + 1 + after
     return TimedPath.joined(motions)
 
 
-def _lines(arm: ArmMotion, straight: tuple[bool, ...], limits: MotionLimits) -> dict[int, StraightLine]:
-    """Return the straight pieces by their index."""
-    pieces = np.flatnonzero(straight)
-    if not len(pieces):
-        return {}
-    lines = StraightLine.between(arm.model, arm.waypoints[pieces], arm.waypoints[pieces + 1], limits)
-    return dict(zip(pieces.tolist(), lines, strict=True))
-
-
 def straight_pieces(arm: ArmMotion) -> tuple[bool, ...]:
-    """Return for each piece whether it is straight: as declared, or if nothing is declared, as it appears."""
-    return arm.straight if any(arm.straight) else _along_up(arm)
+    """Return for each piece whether it is straight: as declared, or if nothing is declared, as it appears.
 
-
-def _along_up(arm: ArmMotion) -> tuple[bool, ...]:
-    """Return for each piece whether it is the first or the last of several and lies along ``up`` without a turn."""
+    Then the first and the last of several are, if they lie along ``up`` without a turn.
+    """
     count = len(arm.waypoints) - 1
-    if count == 1:
-        return (False,)
-    tips, found = fk(arm.model, arm.waypoints), [False] * count
-    ends = np.array([0, count - 1])
+    if any(arm.straight) or count == 1:
+        return arm.straight
+    tips, ends, found = fk(arm.model, arm.waypoints), np.array([0, count - 1]), [False] * count
     found[0], found[-1] = _are_along_up(arm, tips[ends], tips[ends + 1]).tolist()
     return tuple(found)
 

@@ -13,18 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.arms import ArmModel, MotionLimits
 from trocar.errors import AlreadyThere, InvalidInput, MotionRefused, NoPlan, OutOfReach, TrocarError
 from trocar.geometry.arrays import finite, numbers
-from trocar.motion.arm_motion import ArmMotion
-from trocar.motion.bound import duration_bound_s
 from trocar.motion.check import Violation, check
 from trocar.motion.clearance import Clearance
+from trocar.motion.double_integrator import duration_bound_s
 from trocar.motion.limits import LimitUse
-from trocar.motion.path import TimedPath
-from trocar.motion.planners import PLANNERS, Demand, Planner, ignored
-from trocar.motion.problem import MotionProblem
+from trocar.motion.planners import PLANNERS, Demand, Planner, TimedPath
+from trocar.motion.problem import ArmMotion, MotionProblem
 from trocar.notebook import table
 from trocar.trajectory import Trajectory
-
-UP = (0.0, 0.0, 1.0)
 
 NO_CLEARANCE = Clearance(inf, inf, 0.0, ("", ""))
 
@@ -61,12 +57,12 @@ class MotionPlan:
 
     def _repr_html_(self) -> str:
         columns = ("arm", "time, s", "waypoints", "share of velocity limits", "share of acceleration limits")
-        return table(self, columns, (self._row(name, path) for name, path in self.paths.items()))
-
-    def _row(self, name: str, path: TimedPath) -> tuple[object, ...]:
-        use = self.use.get(name)
-        shares = ("", "") if use is None else (f"{use.velocity_ratio:.2f}", f"{use.acceleration_ratio:.2f}")
-        return name, f"{path.trajectory.duration_s:.3f}", len(path.waypoint_times_s), *shares
+        rows = []
+        for name, path in self.paths.items():
+            use = self.use.get(name)
+            shares = ("", "") if use is None else (f"{use.velocity_ratio:.2f}", f"{use.acceleration_ratio:.2f}")
+            rows.append((name, f"{path.trajectory.duration_s:.3f}", len(path.waypoint_times_s), *shares))
+        return table(self, columns, rows)
 
     @property
     def found(self) -> bool:
@@ -85,23 +81,14 @@ class MotionPlan:
 
     @property
     def trajectories(self) -> Mapping[str, Trajectory]:
-        """Return the valid motion of every arm; they start together.
-
-        Raises:
-            MotionRefused: there is none; the plan's refusal.
-        """
+        """Return the valid motion of every arm, which start together; or raise the plan's refusal."""
         if self.refusal is not None:
             raise self.refusal
         return {name: path.trajectory for name, path in self.paths.items()}
 
     @property
     def trajectory(self) -> Trajectory:
-        """Return the valid motion of the only arm.
-
-        Raises:
-            MotionRefused: there is none.
-            TrocarError: several arms move.
-        """
+        """Return the valid motion of the only arm; or raise the plan's refusal, or InvalidInput if several move."""
         trajectories = self.trajectories
         if len(trajectories) > 1:
             raise InvalidInput("this plan", f"moves {', '.join(trajectories)}", "take one of its `trajectories`")
@@ -155,7 +142,7 @@ def plan_through(
     waypoints: ArrayLike,
     limits: MotionLimits,
     *,
-    up: ArrayLike = UP,
+    up: ArrayLike = (0.0, 0.0, 1.0),
     fixed_wrist: bool = False,
     start_velocity: ArrayLike | None = None,
     planner: str | Planner = "spline",
@@ -189,14 +176,11 @@ def plan_through(
 
 def _answered(name: str, problem: MotionProblem, paths: object) -> dict[str, TimedPath]:
     """Return a planner's answer, or raise a sentence that names the planner and says what is wrong with it."""
+    who = f"planner '{name}'"
     if not (isinstance(paths, Mapping) and all(isinstance(path, TimedPath) for path in paths.values())):
-        raise InvalidInput(
-            f"planner '{name}'", f"returned {paths!r:.80}", "it must return a TimedPath for each arm by name"
-        )
+        raise InvalidInput(who, f"returned {paths!r:.80}", "it must return a TimedPath for each arm by name")
     if set(paths) != set(problem.arms):
-        raise InvalidInput(
-            f"planner '{name}'", f"returned paths for {sorted(paths)}", f"it was asked for {sorted(problem.arms)}"
-        )
+        raise InvalidInput(who, f"returned paths for {sorted(paths)}", f"it was asked for {sorted(problem.arms)}")
     return dict(paths)
 
 
@@ -206,7 +190,8 @@ def _refusal(name: str, solve: Planner, violations: Sequence[Violation]) -> Moti
         return None
     more = f" (and {len(violations) - 1} more)" if len(violations) > 1 else ""
     sentence = f"the motion by planner '{name}' is refused: {violations[0]}{more}"
-    unseen = [demand.value for demand in Demand if demand in {v.demand for v in violations} & ignored(solve)]
+    ignored = getattr(solve, "ignores", frozenset())
+    unseen = [demand.value for demand in Demand if demand in {v.demand for v in violations} & ignored]
     if unseen:
         others = [other for other in PLANNERS if other != name]
         sentence += f"; '{name}' ignores {', '.join(unseen)}" + f", try {', '.join(others)}" * bool(others)

@@ -1,27 +1,189 @@
-"""A motion planning problem, for one arm or several on one clock."""
+"""A motion planning problem: what each arm is asked to do, and what they keep clear of, on one clock."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from math import inf, pi
 
 import numpy as np
+from numpy.typing import NDArray
 
+from trocar.arms import ArmModel, MotionLimits, ik
 from trocar.errors import AlreadyThere, InvalidInput, OutOfReach, TrocarError
-from trocar.geometry import shown
-from trocar.motion.arm_motion import ArmMotion
-from trocar.motion.moving_arm import MovingArm
-from trocar.motion.obstacles import Obstacle
+from trocar.geometry import SE3, direction, shown
+from trocar.geometry.arrays import finite, numbers
+from trocar.geometry.se3 import one_pose
+from trocar.motion.bodies import MovingArm, Obstacle
+from trocar.motion.limits import KEPT
 
-SETTINGS = (
-    "min_distance_m",
-    "range_slack",
-    "straight_tolerance_m",
-    "straight_tolerance_rad",
-)
-SAME_PLACE_M = 1e-3
-"""Remote centres closer than this mean that the arms' bases were not given."""
+Array = NDArray[np.float64]
+
+JOINTS = 6
+NEAREST = 1e-9  # waypoints closer than this in every joint (rad, m) are the same
+SAME_PLACE_M = 1e-3  # remote centres closer than this mean that the arms' bases were not given
+
+
+@dataclass(frozen=True, eq=False)
+class Facing:
+    """An axis of the tip that stays turned towards a point: marks on a gripper that a camera must keep seeing.
+
+    >>> facing = Facing(axis=[0.0, 1.0, 0.0], towards_m=[-0.05, 0.14, 0.07], max_rad=0.8)  # the jaws' axis, the camera
+
+    Attributes:
+        axis: (3,) in the frame of the tip, of any length; a unit vector afterwards.
+        towards_m: (3,) in the world, the camera.
+        max_rad: the angle between the axis and the direction from the tip to that point stays below this.
+    """
+
+    axis: Array
+    towards_m: Array
+    max_rad: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "towards_m", finite("'towards_m' of what a tip faces", self.towards_m, 3))
+        if not 0 < self.max_rad <= pi:
+            raise InvalidInput("a tip", f"may face {self.max_rad} rad aside", "give an angle above 0, up to pi")
+        object.__setattr__(self, "axis", direction(self.axis, "the axis that faces a point"))
+
+    def angle_rad(self, T_world_tip: SE3) -> Array:
+        """Return the angle (...,) by which poses (...,) of the tip face away."""
+        axis = T_world_tip.matrix[..., :3, :3] @ self.axis
+        way = self.towards_m - T_world_tip.matrix[..., :3, 3]
+        way /= np.linalg.norm(way, axis=-1, keepdims=True)
+        return 2 * np.arctan2(np.linalg.norm(axis - way, axis=-1), np.linalg.norm(axis + way, axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class ArmMotion:
+    """What one arm is asked to do: where to start, what to pass, where to stop, within which limits.
+
+    >>> arm, limits = ARMS["psm-classic"], MOTION_LIMITS["paper"]
+    >>> motion = ArmMotion(arm, waypoints, limits)  # (n, 6): grasp, lifted, over the target, lowered
+    >>> motion = ArmMotion(arm, q_now[None], limits, T_base_goals=T_base_tips)  # poses of the tip instead
+
+    Attributes:
+        model: of the arm.
+        waypoints: (n, 6) joints, rad and m; it starts at the first and rests at the last.
+        limits: bounds of velocity and acceleration, and optionally of jerk.
+        T_world_base: pose of its base; needed if arms or obstacles can meet.
+        up: (3,) direction in its base, of any length, along which the tip passes the waypoints between the first
+            and the last without turning; a unit vector afterwards. Planners that stop there may ignore it.
+        fixed_wrist: whether the wrist's joints rest when it passes these waypoints, so that the tip turns a little;
+            planners that keep the tip on a straight line turn the wrist by milliradians.
+        straight: for each piece between two waypoints, whether the tip keeps to the straight line between
+            them, turning as little as possible; empty: nowhere.
+        start_velocity: (6,) of the joints at the first waypoint, per second; 0 at rest. A motion that replaces
+            another one under way starts moving.
+        T_base_goals: batch (m,) of poses of the tip in its base, to go through after the waypoints. Before the
+            planner is asked they become waypoints, by the inverse kinematics nearest to the one before.
+        jaw_rad: opening between its fingers.
+        max_tip_m_s: greatest speed of the tip, m/s.
+        facing: what the tip must keep turned towards a point, the marks that a camera sees; None: nothing.
+    """
+
+    model: ArmModel
+    waypoints: Array
+    limits: MotionLimits
+    T_world_base: SE3 = field(default_factory=SE3.identity)
+    up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    fixed_wrist: bool = False
+    straight: tuple[bool, ...] = ()
+    start_velocity: Array = field(default_factory=lambda: np.zeros(JOINTS))
+    T_base_goals: SE3 | None = None
+    jaw_rad: float = 0.0
+    max_tip_m_s: float = inf
+    facing: Facing | None = None
+
+    def __post_init__(self) -> None:
+        if self.T_base_goals is not None:
+            object.__setattr__(self, "T_base_goals", SE3.of(self.T_base_goals))
+        object.__setattr__(self, "T_world_base", one_pose(f"T_world_base of {self.model.name}", self.T_world_base))
+        goals, name = self._goals, self.model.name
+        points = numbers(f"the waypoints of {name}", self.waypoints, "n", JOINTS)
+        if points.ndim != 2 or points.shape[1] != JOINTS or len(points) < 1 or len(points) + goals < 2:
+            wanted = f"waypoints of shape (n, {JOINTS}) with n of 2 or more, or of 1 and goals"
+            raise InvalidInput(name, f"needs {wanted}, got {points.shape} and {goals} goals")
+        if not isinstance(self.limits, MotionLimits):
+            got = type(self.limits).__name__
+            raise InvalidInput(name, f"needs its limits as MotionLimits(velocity, acceleration), got {got}")
+        if self.limits.velocity.shape != (JOINTS,):
+            raise InvalidInput(name, f"needs limits of {JOINTS} joints, got {self.limits.velocity.size}")
+        pieces = len(points) + goals - 1
+        straight = tuple(bool(piece) for piece in self.straight) or (False,) * pieces
+        if len(straight) != pieces:
+            said = f"but {len(straight)} times it was said whether a piece is straight"
+            raise InvalidInput(f"{pieces + 1} waypoints", f"have {pieces} pieces between them, {said}")
+        object.__setattr__(self, "waypoints", points)
+        object.__setattr__(self, "straight", straight)
+        object.__setattr__(self, "up", direction(self.up, "the upward direction"))
+        object.__setattr__(self, "start_velocity", self._checked_velocity())
+        self._require_apart()
+        if not np.isfinite(self.jaw_rad):
+            raise InvalidInput("the jaws", f"of {name} open {self.jaw_rad} rad", "give a finite number")
+        if not self.max_tip_m_s > 0:
+            raise InvalidInput("the tip", f"of {name} may move at {self.max_tip_m_s} m/s", "give a speed above 0")
+
+    def __repr__(self) -> str:
+        goals = "" if self.T_base_goals is None else f" and {self._goals} goals"
+        return f"<ArmMotion of {self.model.name} through {len(self.waypoints)} waypoints{goals}>"
+
+    @property
+    def moves(self) -> bool:
+        """Return whether it is moving at the start."""
+        return bool(self.start_velocity.any())
+
+    def resolved(self) -> ArmMotion:
+        """Return the same with its goals as waypoints, or raise OutOfReach, or AlreadyThere where two coincide."""
+        if self.T_base_goals is None:
+            return self
+        points = list(self.waypoints)
+        for index in range(self._goals):
+            try:
+                points.append(ik(self.model, self.T_base_goals[index], points[-1]))
+            except OutOfReach as error:
+                raise error.worded(f"goal {index}: {error}") from None
+        return replace(self, waypoints=np.array(points), T_base_goals=None)
+
+    def require_ranges(self, slack: float) -> None:
+        """Raise unless the waypoints lie within the joints' ranges, widened by the share ``slack``."""
+        for index, point in enumerate(self.waypoints):
+            for joint, value in zip(self.model.joints, point, strict=True):
+                beyond = slack * (joint.upper - joint.lower)
+                if not joint.lower - beyond <= value <= joint.upper + beyond:
+                    where = f"waypoint {index}, joint '{joint.name}' = {value:.4f} {joint.unit}"
+                    ends = f"[{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} of {self.model.name}"
+                    raise InvalidInput(where, f"is outside {ends}", "move it inside")
+
+    @property
+    def _goals(self) -> int:
+        if self.T_base_goals is None:
+            return 0
+        shape = self.T_base_goals.matrix.shape
+        if len(shape) != 3:
+            raise InvalidInput("goals", f"are poses (m, 4, 4), got {shape}", "index one as [None]")
+        return shape[0]
+
+    def _checked_velocity(self) -> Array:
+        velocity = finite(f"the start velocity of {self.model.name}", self.start_velocity, JOINTS)
+        for joint, value, most in zip(self.model.joints, velocity, self.limits.velocity, strict=True):
+            if abs(value) > KEPT * most:
+                problem = f"starts with {value:.4f} {joint.unit}/s, beyond its limit of {most:.4f}"
+                raise InvalidInput(f"joint '{joint.name}'", problem, "raise the limit or slow down first")
+        return velocity
+
+    def _require_apart(self) -> None:
+        points = self.waypoints
+        for index, at in np.argwhere(~np.isfinite(points)).tolist():
+            where = f"waypoint {index}, joint '{self.model.joints[at].name}'"
+            raise InvalidInput(where, f"is {points[index, at]}", "give a finite number")
+        same = np.all(np.abs(np.diff(points, axis=0)) < NEAREST, axis=1)
+        if self.moves and len(same):
+            same[0] = False  # stopping and coming back is a motion too
+        if same.any():
+            first = int(np.flatnonzero(same)[0])
+            raise AlreadyThere(f"waypoints {first} and {first + 1} coincide; remove one of them")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,15 +216,13 @@ class MotionProblem:
     def __post_init__(self) -> None:
         if not self.arms:
             raise InvalidInput("a motion problem", "needs at least one arm", "give what each is asked by its name")
-        for what, things, kind in (
-            ("arms", self.arms, ArmMotion),
-            ("others", self.others, MovingArm),
-            ("obstacles", self.obstacles, Obstacle),
-        ):
+        kinds = {"arms": ArmMotion, "others": MovingArm, "obstacles": Obstacle}
+        for what, kind in kinds.items():
+            things = getattr(self, what)
             if not (isinstance(things, Mapping) and all(isinstance(thing, kind) for thing in things.values())):
                 wanted = getattr(kind, "__name__", "Capsule or HalfSpace")
                 raise InvalidInput(what, f"of a motion problem are {things!r:.60}", f"give {wanted} by name")
-        for name in SETTINGS:
+        for name in ("min_distance_m", "range_slack", "straight_tolerance_m", "straight_tolerance_rad"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidInput(name, f"of a motion problem is {value}", "give a finite number of at least 0")
@@ -75,7 +235,10 @@ class MotionProblem:
                 arm.require_ranges(self.range_slack)
             except TrocarError as error:
                 raise (error if len(self.arms) == 1 else error.worded(f"arm '{name}': {error}")) from None
-        self._require_bases_apart()
+        centers = {name: arm.T_world_base.translation_m for name, arm in (*self.arms.items(), *self.others.items())}
+        for a, b in combinations(centers, 2):
+            if np.linalg.norm(centers[a] - centers[b]) < SAME_PLACE_M:
+                raise InvalidInput(f"arms '{a}' and '{b}'", "share one remote centre", "give each its own T_world_base")
 
     def __repr__(self) -> str:
         parts = [f"{name}: {arm!r}" for name, arm in self.arms.items()]
@@ -84,19 +247,8 @@ class MotionProblem:
             parts.append(f"{shown(self.min_distance_m, 'm', 'g')} from {', '.join(around)}")
         return f"<MotionProblem {'; '.join(parts)}>"
 
-    def _require_bases_apart(self) -> None:
-        centers = {name: arm.T_world_base.translation_m for name, arm in (*self.arms.items(), *self.others.items())}
-        for a, b in combinations(centers, 2):
-            if np.linalg.norm(centers[a] - centers[b]) < SAME_PLACE_M:
-                raise InvalidInput(f"arms '{a}' and '{b}'", "share one remote centre", "give each its own T_world_base")
-
     def resolved(self) -> MotionProblem:
-        """Return the same with all goals as waypoints, as planners get it.
-
-        Raises:
-            OutOfReach: a goal is out of reach; names the arm.
-            AlreadyThere: a goal is where an arm already is; names the arm.
-        """
+        """Return the same with all goals as waypoints, as planners get it; its errors name the arm."""
         arms = {}
         for name, arm in self.arms.items():
             try:

@@ -1,4 +1,4 @@
-"""Cubic polynomials and splines of joints over time."""
+"""The planner ``spline``: cubics through the waypoints, passed along ``up`` (Hwang et al. 2022, section IV-C)."""
 
 from __future__ import annotations
 
@@ -9,115 +9,11 @@ from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits, jacobian
 from trocar.errors import NoPlan
-from trocar.motion.arm_motion import ArmMotion
-from trocar.motion.path import TimedPath
-from trocar.motion.planners import Demand, ignores
-from trocar.motion.problem import MotionProblem
+from trocar.motion.planners import Demand, TimedPath, ignores
+from trocar.motion.problem import ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
 
-
-@dataclass(frozen=True, eq=False)
-class CubicGrid:
-    """The durations ``first_s + k step_s`` on which cubics through fixed positions are tried.
-
-    With ``s = 1 / t`` the accelerations of a cubic at its two ends are ``6 dq s^2 - (4 v0 + 2 v1) s`` and
-    ``-6 dq s^2 + (2 v0 + 4 v1) s``. Multiplied by ``t``, the limit ``A`` reads ``6 dq s - A t <= c <= 6 dq
-    s + A t`` with ``c = 4 v0 + 2 v1`` or ``2 v0 + 4 v1``: both bounds are known before the velocities are, so planning
-    only has to compare.
-
-    Attributes:
-        times_s: (grid,) durations, ascending; the last is infinite and stands for "none on the grid".
-        step_q: (segments, joints) positions' differences, rad or m.
-        limits: bounds of velocity and acceleration.
-        lower: (joints, batch, 2 segments, grid) least ``c`` that keeps the acceleration's limit, starts
-            then ends; repeated over the batch, because NumPy compares equal shapes twice as fast as
-            broadcast ones.
-        upper: the greatest.
-        sums: (3 segments, waypoints) takes velocities to ``4 v0 + 2 v1``, ``2 v0 + 4 v1`` and ``v0 + v1``.
-    """
-
-    times_s: NDArray[np.float64]
-    step_q: NDArray[np.float64]
-    limits: MotionLimits
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    sums: NDArray[np.float64]
-
-    @classmethod
-    def build(
-        cls,
-        waypoints: NDArray[np.float64],
-        limits: MotionLimits,
-        *,
-        first_s: float,
-        step_s: float,
-        longest_s: float,
-        batch: int,
-    ) -> CubicGrid:
-        """Return the grid up to about ``longest_s`` for the segments between waypoints (n, joints)."""
-        count = max(1, int(np.ceil((longest_s - first_s) / step_s)) + 1)
-        times = np.append(first_s + step_s * np.arange(count), np.inf)
-        step_q = np.diff(waypoints, axis=0)
-        centre = np.ascontiguousarray(np.tile(6 * step_q, (batch, 2, 1)).transpose(2, 0, 1))[..., None] / times
-        reach = limits.acceleration[:, None, None, None] * times
-        start, end = np.eye(len(waypoints))[:-1], np.eye(len(waypoints))[1:]
-        sums = np.concatenate([4 * start + 2 * end, 2 * start + 4 * end, start + end])
-        return cls(times, step_q, limits, centre - reach, centre + reach, sums)
-
-    def shortest(self, velocities: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the first duration on the grid that keeps the limits.
-
-        Args:
-            velocities: (batch, segments + 1, joints) at the waypoints, rad/s or m/s.
-
-        Returns:
-            (batch, segments) s; infinite where no duration on the grid will do.
-        """
-        segments = len(self.step_q)
-        sums = self.sums @ velocities
-        c = sums[:, : 2 * segments].transpose(2, 0, 1)[..., None]
-        kept = np.logical_and.reduce((self.lower <= c) & (c <= self.upper), axis=0)
-        allowed = kept[:, :segments] & kept[:, segments:]
-        pull = 3 * self.step_q
-        while True:
-            first = allowed.argmax(axis=-1)
-            times = self.times_s[first]
-            middle = pull / times[..., None] - sums[:, 2 * segments :]
-            if self._clearly_slow(velocities, middle):
-                return times
-            fast = self._too_fast(velocities, middle) & (times < np.inf)
-            if not fast.any():
-                return times
-            allowed[fast, first[fast]] = False
-
-    def _clearly_slow(self, velocities: NDArray[np.float64], middle: NDArray[np.float64]) -> bool:
-        """Return whether the hulls alone show that all cubics keep the velocity limit, as is mostly the case."""
-        hull = np.abs(np.concatenate([velocities, middle], axis=1))
-        return bool((hull <= self.limits.velocity).all())
-
-    def _too_fast(self, velocities: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether cubics (batch, segments) violate the velocity limit.
-
-        A cubic's velocity is the quadratic with Bernstein coefficients ``v0, middle, v1``, so it lies in
-        their hull.
-        """
-        limit = self.limits.velocity
-        ends = np.abs(velocities) <= limit
-        inner = np.abs(middle) <= limit
-        v0, v1 = velocities[:, :-1], velocities[:, 1:]
-        return ~np.all(ends[:, :-1] & ends[:, 1:] & (inner | (np.abs(_peak(v0, middle, v1)) <= limit)), axis=-1)
-
-
-def _peak(v0: NDArray[np.float64], middle: NDArray[np.float64], v1: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the velocity at the cubic's inner extremum, or at its start if it has none.
-
-    That is where the second derivative ``6 a t + 2 b`` is zero (the paper's section IV-C prints 6a + 2b).
-    """
-    bend = v0 - 2 * middle + v1
-    rise = v0 - middle
-    share = np.divide(rise, bend, out=np.full_like(bend, -1.0), where=bend != 0)
-    return np.where((share > 0) & (share < 1), v0 - share * rise, v0)
-
+Array = NDArray[np.float64]
 
 # As the authors ran it: these reproduce the durations that they recorded (tests/motion/test_splines.py).
 STEP_RATE = 0.06  # beta of Algorithm 2
@@ -152,7 +48,7 @@ def _spline(arm: ArmMotion) -> TimedPath:
     return TimedPath(Trajectory.hermite(times, waypoints, velocities[0]), times)
 
 
-def _passing_directions(arm: ArmMotion) -> NDArray[np.float64]:
+def _passing_directions(arm: ArmMotion) -> Array:
     """Return unit joint velocities (n - 2, joints) along ``up``, without turning the tip or with a still wrist."""
     inner = arm.waypoints[1:-1]
     if not len(inner):
@@ -165,14 +61,13 @@ def _passing_directions(arm: ArmMotion) -> NDArray[np.float64]:
             jacobian(arm.model, inner)[:, :joints, :joints], np.broadcast_to(twist, (len(inner), joints, 1))
         )
     except np.linalg.LinAlgError:
-        raise NoPlan(
-            f"{arm.model.name} is singular at an inner waypoint, where it cannot pass straight; move the waypoint"
-        ) from None
+        place = "at an inner waypoint, where it cannot pass straight; move the waypoint"
+        raise NoPlan(f"{arm.model.name} is singular {place}") from None
     directions[:, :joints] = moving[..., 0]
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _descend(arm: ArmMotion, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _descend(arm: ArmMotion, directions: Array) -> Array:
     """Return the passing speeds (n - 2,) along the unit directions by Algorithm 2."""
     waypoints, limits, count = arm.waypoints, arm.limits, len(directions)
     if not count:
@@ -182,14 +77,8 @@ def _descend(arm: ArmMotion, directions: NDArray[np.float64]) -> NDArray[np.floa
     speeds = np.zeros(count)
     stopping = _velocities(arm.start_velocity, speeds[None], directions)
     resting = _shortest(waypoints, stopping, limits, COST_FIRST_S, COST_STEP_S)
-    grid = CubicGrid.build(
-        waypoints,
-        limits,
-        first_s=COST_FIRST_S,
-        step_s=COST_STEP_S,
-        longest_s=1.3 * resting.max(),
-        batch=len(probes),
-    )
+    steps = {"first_s": COST_FIRST_S, "step_s": COST_STEP_S, "longest_s": 1.3 * resting.max(), "batch": len(probes)}
+    grid = CubicGrid.build(waypoints, limits, **steps)
     best, best_speeds = np.inf, speeds
     for _ in range(STEPS + 1):
         probed = np.maximum(np.minimum(speeds + probes, fastest), -fastest)
@@ -204,9 +93,7 @@ def _descend(arm: ArmMotion, directions: NDArray[np.float64]) -> NDArray[np.floa
     return best_speeds
 
 
-def _velocities(
-    start: NDArray[np.float64], speeds: NDArray[np.float64], directions: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _velocities(start: Array, speeds: Array, directions: Array) -> Array:
     """Return velocities (batch, n, joints) at all waypoints, zero at the last, from speeds (batch, n - 2)."""
     velocities = np.zeros((len(speeds), len(directions) + 2, directions.shape[1]))
     velocities[:, 0] = start
@@ -214,26 +101,95 @@ def _velocities(
     return velocities
 
 
-def _shortest(
-    waypoints: NDArray[np.float64],
-    velocities: NDArray[np.float64],
-    limits: MotionLimits,
-    first_s: float,
-    step_s: float,
-) -> NDArray[np.float64]:
+@dataclass(frozen=True, eq=False)
+class CubicGrid:
+    """The durations ``first_s + k step_s`` on which cubics through fixed positions are tried.
+
+    With ``s = 1 / t`` the accelerations of a cubic at its two ends are ``6 dq s^2 - (4 v0 + 2 v1) s`` and
+    ``-6 dq s^2 + (2 v0 + 4 v1) s``. Multiplied by ``t``, the limit ``A`` reads ``6 dq s - A t <= c <= 6 dq
+    s + A t`` with ``c = 4 v0 + 2 v1`` or ``2 v0 + 4 v1``: both bounds are known before the velocities are, so planning
+    only has to compare.
+    """
+
+    times_s: Array  # (grid,) durations, ascending; the last is infinite and stands for "none on the grid"
+    step_q: Array  # (segments, joints) positions' differences, rad or m
+    limits: MotionLimits  # bounds of velocity and acceleration
+    # (joints, batch, 2 segments, grid) least ``c`` that keeps the acceleration's limit, starts then ends; repeated
+    # over the batch, because NumPy compares equal shapes twice as fast as broadcast ones
+    lower: Array
+    upper: Array  # the greatest
+    sums: Array  # (3 segments, waypoints) takes velocities to ``4 v0 + 2 v1``, ``2 v0 + 4 v1`` and ``v0 + v1``
+
+    @classmethod
+    def build(
+        cls, waypoints: Array, limits: MotionLimits, *, first_s: float, step_s: float, longest_s: float, batch: int
+    ) -> CubicGrid:
+        """Return the grid up to about ``longest_s`` for the segments between waypoints (n, joints)."""
+        count = max(1, int(np.ceil((longest_s - first_s) / step_s)) + 1)
+        times = np.append(first_s + step_s * np.arange(count), np.inf)
+        step_q = np.diff(waypoints, axis=0)
+        centre = np.ascontiguousarray(np.tile(6 * step_q, (batch, 2, 1)).transpose(2, 0, 1))[..., None] / times
+        reach = limits.acceleration[:, None, None, None] * times
+        start, end = np.eye(len(waypoints))[:-1], np.eye(len(waypoints))[1:]
+        sums = np.concatenate([4 * start + 2 * end, 2 * start + 4 * end, start + end])
+        return cls(times, step_q, limits, centre - reach, centre + reach, sums)
+
+    def shortest(self, velocities: Array) -> Array:
+        """Return the first durations (batch, segments) on the grid that keep the limits; infinite where none does.
+
+        Args:
+            velocities: (batch, segments + 1, joints) at the waypoints, rad/s or m/s.
+        """
+        segments = len(self.step_q)
+        sums = self.sums @ velocities
+        c = sums[:, : 2 * segments].transpose(2, 0, 1)[..., None]
+        kept = np.logical_and.reduce((self.lower <= c) & (c <= self.upper), axis=0)
+        allowed = kept[:, :segments] & kept[:, segments:]
+        pull = 3 * self.step_q
+        while True:
+            first = allowed.argmax(axis=-1)
+            times = self.times_s[first]
+            middle = pull / times[..., None] - sums[:, 2 * segments :]
+            # mostly the hulls alone show that all cubics keep the velocity limit
+            if (np.abs(np.concatenate([velocities, middle], axis=1)) <= self.limits.velocity).all():
+                return times
+            fast = self._too_fast(velocities, middle) & (times < np.inf)
+            if not fast.any():
+                return times
+            allowed[fast, first[fast]] = False
+
+    def _too_fast(self, velocities: Array, middle: Array) -> NDArray[np.bool_]:
+        """Return whether cubics (batch, segments) violate the velocity limit.
+
+        A cubic's velocity is the quadratic with Bernstein coefficients ``v0, middle, v1``, so it lies in their hull.
+        """
+        limit = self.limits.velocity
+        ends = np.abs(velocities) <= limit
+        inner = np.abs(middle) <= limit
+        v0, v1 = velocities[:, :-1], velocities[:, 1:]
+        return ~np.all(ends[:, :-1] & ends[:, 1:] & (inner | (np.abs(_peak(v0, middle, v1)) <= limit)), axis=-1)
+
+
+def _peak(v0: Array, middle: Array, v1: Array) -> Array:
+    """Return the velocity at the cubic's inner extremum, or at its start if it has none.
+
+    That is where the second derivative ``6 a t + 2 b`` is zero (the paper's section IV-C prints 6a + 2b).
+    """
+    bend = v0 - 2 * middle + v1
+    rise = v0 - middle
+    share = np.divide(rise, bend, out=np.full_like(bend, -1.0), where=bend != 0)
+    return np.where((share > 0) & (share < 1), v0 - share * rise, v0)
+
+
+def _shortest(waypoints: Array, velocities: Array, limits: MotionLimits, first_s: float, step_s: float) -> Array:
     """Return the shortest durations (batch, n - 1), on a grid as long as they need."""
-    longest = 1.0
+    longest, batch = 1.0, len(velocities)
     while True:
-        grid = CubicGrid.build(
-            waypoints, limits, first_s=first_s, step_s=step_s, longest_s=longest, batch=len(velocities)
-        )
+        grid = CubicGrid.build(waypoints, limits, first_s=first_s, step_s=step_s, longest_s=longest, batch=batch)
         durations = grid.shortest(velocities)
         if np.isfinite(durations).all():
             return durations
         if longest == LONGEST_S:
-            break
+            reason = f"no cubic of up to {LONGEST_S:.0f} s joins the waypoints within the motion limits"
+            raise NoPlan(f"{reason}; raise the limits or bring the waypoints closer")
         longest = min(2 * longest, LONGEST_S)
-    raise NoPlan(
-        f"no cubic of up to {LONGEST_S:.0f} s joins the waypoints within the motion limits; raise the limits "
-        f"or bring the waypoints closer"
-    )

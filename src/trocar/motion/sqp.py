@@ -5,44 +5,40 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.interpolate import BSpline
 
 from trocar.arms import fk, jacobian
+from trocar.errors import NoPlan
 from trocar.geometry import SO3
-from trocar.motion.arm_motion import ArmMotion
-from trocar.motion.bound import duration_bound_s
+from trocar.motion.check import SHORT_M, line_deviation
+from trocar.motion.curve import DEGREE, Curve
+from trocar.motion.double_integrator import duration_bound_s
 from trocar.motion.limits import limit_use
 from trocar.motion.optimal import straight_pieces
-from trocar.motion.path import TimedPath
-from trocar.motion.planners import Demand, ignores
-from trocar.motion.problem import MotionProblem
-from trocar.motion.spline_program import FREE, Block, JointSpline, Rows
+from trocar.motion.planners import Demand, TimedPath, ignores
+from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
+from trocar.motion.qp import FREE, Program
 from trocar.motion.splines import spline
-from trocar.motion.tolerances import SHORT_M, line_deviation
+from trocar.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-SAMPLE_S = 0.01
-"""Step by which the horizon shrinks: the control period."""
-KNOTS = 16
-"""Pieces of the cubic spline on each piece of the path."""
-LINEARISED = 5
-"""Maximum number of programs for one horizon."""
-SHORTER = 0.85
-"""A single piece is shortened down to this share of its time."""
-LONGER, LONGEST = 1.2, 12
-"""If the horizon of the spline is too short, it grows by this factor, at most this many times."""
-ROOM = 0.85
-"""Share of the channel's width that is used at the samples."""
-SLACK = 1e-3
-"""The channel counts as kept in a program within this share of its width; it is checked again at 1 kHz."""
-KEPT = 1 - 1e-6
-"""Share of each limit that is used."""
+SAMPLE_S = 0.01  # step by which the horizon shrinks: the control period
+KNOTS = 16  # pieces of the cubic spline on each piece of the path
+LINEARISED = 5  # maximum number of programs for one horizon
+SHORTER = 0.85  # a single piece is shortened down to this share of its time
+LONGER, LONGEST = 1.2, 12  # if the spline's horizon is too short, it grows by this factor, at most this many times
+ROOM = 0.85  # share of the channel's width that is used at the samples
+SLACK = 1e-3  # a program may leave the channel by this share of its width; the channel is checked again at 1 kHz
+KEPT = 1 - 1e-6  # share of each limit that is used
+# Cost of leaving the channel by its own width, relative to the mean square of the jerks in accelerations per knot.
 PENALTY = 1e3
-"""Cost of leaving the channel by its own width, relative to the mean square of the jerks in accelerations per knot."""
+PRECISION, ITERATIONS = 1e-7, 60  # of the solver: a solution takes 15 to 30; times are exact, from the splines
 
 
 @ignores(Demand.DISTANCES, Demand.TIP_SPEED, Demand.FACING)
@@ -59,20 +55,62 @@ def sqp(problem: MotionProblem) -> dict[str, TimedPath]:
     of the spline is too short (because of a jerk limit or a narrow channel), a longer one is searched for. If none has
     a solution, the spline is the answer.
     """
-    return {
-        name: _Refinement(arm, problem).shortest(path) if (arm := problem.arms[name]) else path
-        for name, path in spline(problem).items()
-    }
+    return {name: _Refinement(problem.arms[name], problem).shortest(path) for name, path in spline(problem).items()}
+
+
+@dataclass(frozen=True, eq=False)
+class HeldSpline:
+    """All joints' clamped cubic B-spline over the share of the time; the control points between its ends are free.
+
+    The variables of its programs are the free control points, joint by joint, relative to the straight line between
+    both ends (to avoid subtracting large numbers), and one slack.
+    """
+
+    curve: Curve  # with the pieces' knots
+    # (a, joints) control points at its start: two at one place for rest, three to accelerate from 0 as well
+    first: Array
+    last: Array  # (b, joints) those at its end
+
+    def rows(self, basis: Array, gradient: Array, slack: float = 0.0) -> tuple[sparse.csr_matrix, Array]:
+        """Return rows and constants (k,) of ``gradient (k, joints) . q + slack times the slack`` where a basis is."""
+        free = basis[:, len(self.first) : len(self.first) + self.free]
+        moved = (gradient[:, :, None] * free[:, None, :]).reshape(len(basis), gradient.shape[1] * self.free)
+        matrix = sparse.csr_matrix(np.column_stack([moved, np.full(len(basis), slack)]))
+        return matrix, np.einsum("kj,kc,cj->k", gradient, basis, self._line)
+
+    def each_joint(self, basis: Array, scale: Array) -> tuple[sparse.csr_matrix, Array]:
+        """Return the rows of each joint by itself (joints * k), joint by joint, divided by ``scale (joints,)``."""
+        return self.rows(np.tile(basis, (len(scale), 1)), np.repeat(np.diag(1 / scale), len(basis), axis=0))
+
+    @property
+    def free(self) -> int:
+        """Return how many control points of a joint are free."""
+        return self.curve.controls - len(self.first) - len(self.last)
+
+    def control(self, free: Array) -> Array:
+        """Return all control points (.., joints) from the free ones' offsets from the line, joint by joint."""
+        control = self._line.copy()
+        control[len(self.first) : -len(self.last)] += free.reshape(self.first.shape[1], -1).T
+        return control
+
+    def trajectory(self, control: Array, seconds: float) -> Trajectory:
+        """Return the motion that takes this time."""
+        spline, knots, orders = BSpline(self.curve.padded, control, DEGREE), self.curve.knots, range(DEGREE, -1, -1)
+        parts = [spline(knots[:-1], nu=order) / factorial(order) / seconds**order for order in orders]
+        return Trajectory(seconds * knots, np.stack(parts))
+
+    @cached_property
+    def _line(self) -> Array:
+        """Return the control points of a straight line between the ends, to which the free ones are relative."""
+        at = self.curve.places[:, None]
+        line = (1 - at) * self.first[0] + at * self.last[-1]
+        line[: len(self.first)], line[-len(self.last) :] = self.first, self.last
+        return line
 
 
 @dataclass(frozen=True, eq=False)
 class _Refinement:
-    """One arm's motion, to be refined.
-
-    Attributes:
-        arm: its waypoints and constraints.
-        problem: with the tolerances.
-    """
+    """One arm's motion, to be refined: its waypoints and constraints, and the problem with the tolerances."""
 
     arm: ArmMotion
     problem: MotionProblem
@@ -111,10 +149,10 @@ class _Refinement:
     def over(self, pieces_s: Array, path: TimedPath) -> TimedPath | None:
         """Return the smoothest motion that takes these times (n - 1,) between the waypoints; None if there is none."""
         for _ in range(LINEARISED):
-            answer = self._smoothest(pieces_s, path)
-            if answer is None:
+            try:
+                path, slack = self._smoothest(pieces_s, path)
+            except NoPlan:
                 return None
-            path, slack = answer
             if slack < SLACK and self._kept(path):
                 return path
         return None
@@ -128,32 +166,31 @@ class _Refinement:
         tolerances = self.problem.straight_tolerance_m, self.problem.straight_tolerance_rad
         return all(off_m <= tolerances[0] and off_rad <= tolerances[1] for off_m, off_rad in strays)
 
-    def _smoothest(self, pieces_s: Array, path: TimedPath) -> tuple[TimedPath, float] | None:
-        """Return the solution of the program linearised about a motion, and its slack in widths of the channel."""
+    def _smoothest(self, pieces_s: Array, path: TimedPath) -> tuple[TimedPath, float]:
+        """Return the solution of the program linearised about a motion, and its slack in channel widths, or raise."""
         times_s = np.concatenate([[0.0], np.cumsum(pieces_s)])
-        curve = self._curve(times_s)
-        rows = Rows(curve.first.shape[1] * curve.free, 1)
-        self._bound_joints(rows, curve, float(times_s[-1]))
-        passing = curve.each_joint(curve.basis(times_s[1:-1] / times_s[-1]), np.ones(curve.first.shape[1]))
-        inner = self.arm.waypoints[1:-1].T.ravel()
-        rows.add(passing, inner, inner)
-        for piece in np.flatnonzero(self._straight):
-            self._bound_channel(rows, curve, path, times_s, int(piece))
-        none = np.zeros(0, dtype=np.intp)
-        rows.add(Block(np.zeros(0), none, none, np.zeros(1)), 0.0, FREE, weight=1.0)
-        scale = self.arm.limits.acceleration * times_s[-1] ** 2 * len(curve.shares)
-        jerks = curve.each_joint(curve.basis(curve.shares[:-1], 3), scale)
-        share = np.sqrt(np.tile(np.diff(curve.shares), len(scale)))
-        matrix = sparse.csr_matrix(sparse.diags(share) @ jerks.matrix(rows.free + 1))
-        cost = matrix.T @ (share * jerks.rest)
+        spline, seconds = self._spline(times_s), float(times_s[-1])
+        curve = spline.curve
+        # the sum of squared jerks, in accelerations per knot, and of the penalty
+        scale = self.arm.limits.acceleration * seconds**2 * len(curve.knots)
+        jerks, rest = spline.each_joint(curve.basis(curve.knots[:-1], 3), scale)
+        share = np.sqrt(np.tile(np.diff(curve.knots), len(scale)))
+        matrix = sparse.csr_matrix(sparse.diags(share) @ jerks)
+        cost = matrix.T @ (share * rest)
         cost[-1] = PENALTY
-        x = rows.least(sparse.csc_matrix(matrix.T @ matrix), cost)
-        if x is None:
-            return None
-        motion = curve.trajectory(curve.control(x[:-1]), float(times_s[-1]))
-        return TimedPath(motion, times_s), float(x[-1])
+        hessian = sparse.csc_matrix(matrix.T @ matrix)
+        program = Program("smoothest motion", hessian, cost, None, None, PRECISION, PRECISION, ITERATIONS)
+        self._bound_joints(program, spline, seconds)
+        inner = self.arm.waypoints[1:-1].T.ravel()
+        passing, rest = spline.each_joint(curve.basis(times_s[1:-1] / seconds), np.ones(JOINTS))
+        program.keep("waypoints", passing, inner, inner, rest)
+        for piece in np.flatnonzero(self._straight).tolist():
+            self._bound_channel(program, spline, path, times_s, piece)
+        program.keep("slack", sparse.csr_matrix(np.eye(len(cost))[-1:]), 0.0, FREE)
+        x = program.least()
+        return TimedPath(spline.trajectory(spline.control(x[:-1]), seconds), times_s), float(x[-1])
 
-    def _curve(self, times_s: Array) -> JointSpline:
+    def _spline(self, times_s: Array) -> HeldSpline:
         """Return the spline with these times at the waypoints."""
         steps = [np.linspace(a, b, KNOTS, endpoint=False) for a, b in pairwise(times_s)]
         shares = np.concatenate([*steps, [times_s[-1]]]) / times_s[-1]
@@ -161,27 +198,27 @@ class _Refinement:
         rest = 2 if self.arm.limits.jerk is None else 3
         first = np.repeat(begin[None], 2 if self.arm.moves else rest, axis=0)
         first[1:] += self.arm.start_velocity * times_s[-1] * shares[1] / 3
-        return JointSpline(shares, 3, first, np.repeat(end[None], rest, axis=0))
+        return HeldSpline(Curve(shares), first, np.repeat(end[None], rest, axis=0))
 
-    def _bound_joints(self, rows: Rows, curve: JointSpline, seconds: float) -> None:
+    def _bound_joints(self, program: Program, spline: HeldSpline, seconds: float) -> None:
         """Bound positions, velocities and accelerations at the knots, and the jerk between them."""
-        arm, limits, inner = self.arm, self.arm.limits, curve.shares[1:-1]
-        extent = arm.model.upper - arm.model.lower
-        slack = self.problem.range_slack
-        places, count = curve.each_joint(curve.basis(inner), extent), len(inner)
-        low, high = arm.model.lower / extent - slack, arm.model.upper / extent + slack
-        rows.add(places, np.repeat(low, count), np.repeat(high, count))
-        orders = [(1, inner, limits.velocity), (2, curve.shares, limits.acceleration)]
+        model, limits, curve = self.arm.model, self.arm.limits, spline.curve
+        inner, extent, slack = curve.knots[1:-1], model.upper - model.lower, self.problem.range_slack
+        low, high = (np.repeat(end / extent, len(inner)) for end in (model.lower, model.upper))
+        places, rest = spline.each_joint(curve.basis(inner), extent)
+        program.keep("ranges", places, low - slack, high + slack, rest)
+        orders = [(1, inner, limits.velocity), (2, curve.knots, limits.acceleration)]
         if limits.jerk is not None:
-            orders.append((3, curve.shares[:-1], limits.jerk))
+            orders.append((3, curve.knots[:-1], limits.jerk))
         for order, at, most in orders:
-            rows.add(curve.each_joint(curve.basis(at, order), most * seconds**order), -KEPT, KEPT)
+            rows, rest = spline.each_joint(curve.basis(at, order), most * seconds**order)
+            program.keep(("velocity", "acceleration", "jerk")[order - 1], rows, -KEPT, KEPT, rest)
 
-    def _bound_channel(self, rows: Rows, curve: JointSpline, path: TimedPath, times_s: Array, piece: int) -> None:
+    def _bound_channel(self, program: Program, spline: HeldSpline, path: TimedPath, times_s: Array, piece: int) -> None:
         """Bound the tip's distance from a straight piece, and its rotation, in channel widths, with a slack."""
-        model, ends = self.arm.model, fk(self.arm.model, self.arm.waypoints[piece : piece + 2])
+        model, ends, curve = self.arm.model, fk(self.arm.model, self.arm.waypoints[piece : piece + 2]), spline.curve
         begin, end = times_s[piece : piece + 2] / times_s[-1]
-        inside = curve.shares[(curve.shares > begin) & (curve.shares < end)]
+        inside = curve.knots[(curve.knots > begin) & (curve.knots < end)]
         at = np.union1d(inside, inside - (inside[1] - inside[0]) / 2)
         q = path.trajectory(np.interp(at * times_s[-1], times_s, path.waypoint_times_s))
         tips, slopes = fk(model, q), jacobian(model, q)
@@ -195,14 +232,16 @@ class _Refinement:
         )
         values = np.concatenate([gone @ aside.T, turned], axis=1) / width
         gradients = np.concatenate([aside @ slopes[:, :3], slopes[:, 3:]], axis=1) / width[:, None]
-        rest, basis = values - np.einsum("kdj,kj->kd", gradients, q), curve.basis(at)
-        for axis in range(len(width)):
-            block = curve.rows(basis, gradients[:, axis])
-            rows.add(block, -FREE, 1.0 - rest[:, axis], weight=-1.0)
-            rows.add(-block, -FREE, 1.0 + rest[:, axis], weight=-1.0)
+        offsets, basis = values - np.einsum("kdj,kj->kd", gradients, q), curve.basis(at)
+        # axis by axis, first to one side of the channel and then to the other
+        both = np.stack([gradients, -gradients]).transpose(2, 0, 1, 3).reshape(-1, JOINTS)
+        rows, rest = spline.rows(np.tile(basis, (2 * len(width), 1)), both, slack=-1.0)
+        room = 1.0 - np.stack([offsets, -offsets]).transpose(2, 0, 1).ravel()
+        program.keep(f"channel {piece}", rows, -FREE, room, rest)
         along = line @ slopes[:, :3]
         before = gone @ line - np.einsum("kj,kj->k", along, q)
-        rows.add(curve.rows(basis, along), -before, float(line @ line) - before)
+        rows, rest = spline.rows(basis, along)
+        program.keep(f"line {piece}", rows, -before, float(line @ line) - before, rest)
 
     @cached_property
     def _straight(self) -> Array:

@@ -1,77 +1,136 @@
-"""The joints along a straight line of the tip, and how fast it can be followed."""
+"""Straight lines of the tip: the joints along them, and how fast they can be followed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from trocar.arms import ArmModel, MotionLimits, fk, jacobian
-from trocar.errors import NoPlan, OutOfReach
+from trocar.errors import InvalidInput, NoPlan, OutOfReach
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import finite
+from trocar.motion.limits import limit_use, require_range
+from trocar.motion.moves import HOLD_S, trapezoid
 from trocar.trajectory import Trajectory
 
-PIECES = 16
-"""Number of pieces of a line; the tip then stays within a micrometre of a line of 40 mm."""
+Array = NDArray[np.float64]
+
 NEWTON_STEPS = 12
-REACHED = 1e-8
-"""Accuracy of the tip's pose, m and rad."""
-TRAP = 1e-2
-"""Share of the limits by which a simple pass may exceed them before it is redone with a look-ahead."""
-TINY = 1e-12
-"""Joints that move less over a line (rad or m) count as not moving."""
+KNOTS = 16  # in each phase of a plain straight move; the tip then stays within 1 um of a line of 40 mm
+REACHED = 1e-11  # accuracy of the tip's pose on it, m and rad
+PIECES = 16  # of a line that is followed time-optimally; the tip then stays within 1 um of a line of 40 mm
+LINE_REACHED = 1e-8  # accuracy of the tip's pose on that one
+TRAP = 1e-2  # share of the limits by which a simple pass may exceed them before it is redone with a look-ahead
+TINY = 1e-12  # joints that move less over a line (rad or m) count as not moving
+
+
+def straight(arm: ArmModel, q: ArrayLike, displacement_m: ArrayLike, limits: MotionLimits) -> Trajectory:
+    """Return the motion that takes the tip along a straight line without turning it, from rest to rest.
+
+    For the last millimetres over a peg, where a spline's bulge would touch.
+
+    Args:
+        arm: the arm that moves.
+        q: (joints,) where it starts, rad or m.
+        displacement_m: (3,) of the tip, in the arm's base frame.
+        limits: bounds of velocity and acceleration.
+
+    Raises:
+        TrocarError: the line leaves the arm's reach or a joint's range, or is not three finite numbers.
+    """
+    start = finite("the start of a straight move", q, len(arm.joints))
+    line = finite("the displacement of a straight move", displacement_m, 3)
+    if not line.any():
+        return Trajectory(np.array([0.0, HOLD_S]), start[None, None])
+    dense = _along_line(arm, start, np.linspace(0, 1, KNOTS)[:, None] * line)
+    slope = np.abs(np.gradient(dense, 1 / (KNOTS - 1), axis=0)).max(axis=0) + 1e-12
+    velocity, acceleration = np.min(limits.velocity / slope), np.min(limits.acceleration / slope)
+    corners, share, speed, push = trapezoid(velocity, acceleration)
+    parts = [np.linspace(a, b, KNOTS, endpoint=False) for a, b in pairwise(corners)]
+    times = np.append(np.concatenate(parts), corners[-1])
+    piece = np.clip(np.searchsorted(corners, times, side="right") - 1, 0, len(push) - 1)
+    since = times - corners[piece]
+    along = share[piece] + speed[piece] * since + push[piece] * since**2 / 2
+    rate = speed[piece] + push[piece] * since
+    path = _along_line(arm, start, along[:, None] * line)
+    tangent = _joint_velocity(arm, path, line)
+    use = limit_use(arm, Trajectory.hermite(times, path, rate[:, None] * tangent), limits)
+    stretch = max(use.velocity_ratio, np.sqrt(use.acceleration_ratio))
+    trajectory = Trajectory.hermite(stretch * times, path, rate[:, None] / stretch * tangent)
+    require_range(arm, trajectory)
+    return trajectory
+
+
+def _along_line(arm: ArmModel, start: Array, offsets_m: Array) -> Array:
+    """Return the joint values (n, joints) that move the tip by ``offsets_m`` (n, 3) and keep its rotation.
+
+    Newton's method from the start's tangent, so the arm never changes its branch.
+    """
+    home = fk(arm, start)
+    R_tip_base = home.rotation.inverse()
+    q = start + _joint_velocity(arm, np.broadcast_to(start, (len(offsets_m), len(start))), offsets_m)
+    for _ in range(NEWTON_STEPS):
+        T = fk(arm, q)
+        missing_m = home.translation_m + offsets_m - T.translation_m
+        turned_rad = (T.rotation @ R_tip_base).log()
+        if max(np.abs(missing_m).max(), np.abs(turned_rad).max()) < REACHED:
+            return q
+        q = q + _solve(arm, q, np.concatenate([missing_m, -turned_rad], axis=1))
+    problem = f"cannot move its tip straight by {np.round(1000.0 * offsets_m[-1], 1).tolist()} mm"
+    raise InvalidInput(arm.name, problem, "choose a shorter line or another start")
+
+
+def _joint_velocity(arm: ArmModel, q: Array, velocity_m_s: Array) -> Array:
+    """Return the joint velocities (n, joints) that move the tip at these velocities without turning it."""
+    linear = np.broadcast_to(velocity_m_s, (len(q), 3))
+    return _solve(arm, q, np.concatenate([linear, np.zeros_like(linear)], axis=1))
+
+
+def _solve(arm: ArmModel, q: Array, twists: Array) -> Array:
+    """Return the joint velocities (n, joints) of the tip's twists (n, 6) in the base frame."""
+    try:
+        return np.linalg.solve(jacobian(arm, q), twists[..., None])[..., 0].astype(np.float64)
+    except np.linalg.LinAlgError:
+        raise InvalidInput(arm.name, "is singular on the straight line", "choose another start") from None
 
 
 @dataclass(frozen=True, eq=False)
 class StraightLine:
-    """Joints along a straight line of the tip, rotating as little as possible, by the share s that is done.
+    """Joints along a straight line of the tip, rotating as little as possible, by the share s that is done."""
 
-    Attributes:
-        q: (PIECES + 1, joints) at equal steps of s from 0 to 1.
-        slope: dq/ds there.
-        bend: d2q/ds2 there.
-        limits: of the joints.
-    """
-
-    q: NDArray[np.float64]
-    slope: NDArray[np.float64]
-    bend: NDArray[np.float64]
-    limits: MotionLimits
+    q: Array  # (PIECES + 1, joints) at equal steps of s from 0 to 1
+    slope: Array  # dq/ds there
+    bend: Array  # d2q/ds2 there
+    limits: MotionLimits  # of the joints
 
     @classmethod
-    def between(
-        cls, arm: ArmModel, begin: NDArray[np.float64], end: NDArray[np.float64], limits: MotionLimits
-    ) -> list[StraightLine]:
-        """Return the lines between the tip's poses at pairs of configurations (lines, joints).
-
-        Raises:
-            OutOfReach: the arm cannot follow one.
-        """
+    def between(cls, arm: ArmModel, begin: Array, end: Array, limits: MotionLimits) -> list[StraightLine]:
+        """Return the lines between the tip's poses at pairs of configurations (lines, joints), or raise OutOfReach."""
         s = np.linspace(0.0, 1.0, PIECES + 1)[:, None]
         T_begin, T_end = fk(arm, begin), fk(arm, end)
         turn = (T_begin.rotation.inverse() @ T_end.rotation).log()
         start_m, way_m = T_begin.translation_m, T_end.translation_m - T_begin.translation_m
-        T = SE3.from_parts(
-            T_begin.rotation[:, None] @ SO3.exp(s * turn[:, None]), start_m[:, None] + s * way_m[:, None]
-        )
+        turned = T_begin.rotation[:, None] @ SO3.exp(s * turn[:, None])
+        T = SE3.from_parts(turned, start_m[:, None] + s * way_m[:, None])
         q = begin[:, None] + s * (end - begin)[:, None]
         for _ in range(NEWTON_STEPS):
             now = fk(arm, q)
             missing_m = T.translation_m - now.translation_m
             missing = np.concatenate([missing_m, _small_turn(T.rotation.matrix, now.rotation.matrix)], axis=-1)
-            if np.abs(missing).max() < REACHED:
+            if np.abs(missing).max() < LINE_REACHED:
                 break
             try:
                 q = q + np.linalg.solve(jacobian(arm, q), missing[..., None])[..., 0]
             except np.linalg.LinAlgError:
                 raise OutOfReach(f"{arm.name} is singular on a straight piece; move its ends", arm=arm.name) from None
         else:
-            raise OutOfReach(
-                f"{arm.name} cannot move its tip straight between these waypoints; bring them closer", arm=arm.name
-            )
+            sentence = f"{arm.name} cannot move its tip straight between these waypoints; bring them closer"
+            raise OutOfReach(sentence, arm=arm.name)
         q[:, 0], q[:, -1] = begin, end
         curve = CubicSpline(s[:, 0], q, axis=1)
         slopes, bends = curve(s[:, 0], 1), curve(s[:, 0], 2)
@@ -82,7 +141,7 @@ class StraightLine:
         return StraightLine(self.q[::-1], -self.slope[::-1], self.bend[::-1], self.limits)
 
     @cached_property
-    def top_squares(self) -> NDArray[np.float64]:
+    def top_squares(self) -> Array:
         """Return the greatest squares (PIECES + 1,) of ds/dt within the limits.
 
         Velocity limits bound it, and so do acceleration limits: where the joints bend, each pair of them allows some
@@ -95,7 +154,7 @@ class StraightLine:
         return np.minimum(cruising, (both / np.maximum(apart, TINY)).min(axis=(1, 2)))
 
     @cached_property
-    def stoppable_squares(self) -> NDArray[np.float64]:
+    def stoppable_squares(self) -> Array:
         """Return the greatest squares (PIECES + 1,) of ds/dt from which the end can be reached within the limits.
 
         Backwards from the end: with u the change of the rate on a piece, the square x at its start is the greatest that
@@ -115,12 +174,12 @@ class StraightLine:
         return squares
 
     @cached_property
-    def fastest_squares(self) -> NDArray[np.float64]:
+    def fastest_squares(self) -> Array:
         """Return the greatest squares (PIECES + 1,) of ds/dt that can be reached from rest at the start."""
         squares = self._sped_up(self.top_squares)
         return squares if self.follows(squares[:, None]) else self._sped_up(self.stoppable_squares)
 
-    def follows(self, squares: NDArray[np.float64]) -> bool:
+    def follows(self, squares: Array) -> bool:
         """Return whether these squares (PIECES + 1, k) of ds/dt keep the limits, with a small tolerance."""
         if squares[1:-1].min() <= 0.0:
             return False
@@ -128,7 +187,7 @@ class StraightLine:
         push = np.diff(squares, axis=0)[:, None] * PIECES / 2
         return bool(np.all(np.abs(push + share[:-1] * squares[:-1, None]) <= (1 + TRAP) * room[:-1]))
 
-    def _sped_up(self, most: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _sped_up(self, most: Array) -> Array:
         """Return the squares by speeding up as much as possible from rest, each no greater than these."""
         step = 1.0 / PIECES
         share, room = (rows[..., 0] for rows in self._rows_ahead)
@@ -139,7 +198,7 @@ class StraightLine:
         return squares
 
     @cached_property
-    def _rows_ahead(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _rows_ahead(self) -> tuple[Array, Array]:
         return _rows(self, 1.0 / PIECES)
 
     @property
@@ -154,21 +213,15 @@ class Sprint:
 
     Along a piece the change of the rate is constant, so that its square is linear in s; the limits of acceleration are
     kept at both ends of each piece (time-optimal path parameterisation, Bobrow et al. 1985).
-
-    Attributes:
-        line: what is followed.
-        rates: (k,) ds/dt at the end, per second.
-        squares: (PIECES + 1, k) of ds/dt on the way.
-        seconds: (k,) durations.
     """
 
-    line: StraightLine
-    rates: NDArray[np.float64]
-    squares: NDArray[np.float64]
-    seconds: NDArray[np.float64]
+    line: StraightLine  # what is followed
+    rates: Array  # (k,) ds/dt at the end, per second
+    squares: Array  # (PIECES + 1, k) of ds/dt on the way
+    seconds: Array  # (k,) durations
 
     @classmethod
-    def to(cls, line: StraightLine, rates: NDArray[np.float64]) -> Sprint:
+    def to(cls, line: StraightLine, rates: Array) -> Sprint:
         """Return the sprints that end at these rates (k,), each no greater than the line's ``fastest_rate``.
 
         Raises:
@@ -182,14 +235,9 @@ class Sprint:
         roots = np.sqrt(squares)
         return cls(line, roots[-1], squares, (2 / PIECES / (roots[:-1] + roots[1:])).sum(axis=0))
 
-    def trajectory(self, index: int, *, backwards: bool = False) -> Trajectory:
-        """Return the motion of the joints that ends at one of the rates, or starts there and comes to rest.
-
-        Args:
-            index: of the rate.
-            backwards: from the line's end to its start.
-        """
-        line, square = self.line, self.squares[:, index]
+    def trajectory(self, *, backwards: bool = False) -> Trajectory:
+        """Return the motion that ends at the first rate; backwards it starts there, at the line's end, and rests."""
+        line, square = self.line, self.squares[:, 0]
         rate, push = np.sqrt(square), np.diff(square)[:, None] * PIECES / 2
         seconds = 2 / PIECES / (rate[:-1] + rate[1:])
         v = line.slope * rate[:, None]
@@ -201,7 +249,7 @@ class Sprint:
         return quintics(np.concatenate([[0.0], np.cumsum(seconds)]), line.q, v, left, right)
 
 
-def _slowed_down(line: StraightLine, rates: NDArray[np.float64], most: NDArray[np.float64]) -> NDArray[np.float64]:
+def _slowed_down(line: StraightLine, rates: Array, most: Array) -> Array:
     """Return the squares (PIECES + 1, k) of ds/dt that end at these rates, as fast before as braking still allows."""
     step, fastest = 1.0 / PIECES, line.fastest_squares
     squares = np.empty((PIECES + 1, len(rates)))
@@ -213,21 +261,10 @@ def _slowed_down(line: StraightLine, rates: NDArray[np.float64], most: NDArray[n
     return np.minimum(squares, fastest[:, None])
 
 
-def quintics(
-    times_s: NDArray[np.float64],
-    q: NDArray[np.float64],
-    v: NDArray[np.float64],
-    left: NDArray[np.float64],
-    right: NDArray[np.float64],
-) -> Trajectory:
-    """Return the polynomials of degree five through positions and velocities (n, joints) at these times.
+def quintics(times_s: Array, q: Array, v: Array, left: Array, right: Array) -> Trajectory:
+    """Return the polynomials of degree five through positions and velocities (n, joints) at these times (n,).
 
-    Args:
-        times_s: (n,).
-        q: positions.
-        v: velocities.
-        left: (n - 1, joints) accelerations at the start of each piece.
-        right: (n - 1, joints) accelerations at its end.
+    Accelerations (n - 1, joints) are those at the start of each piece, on its left, and at its end.
     """
     h = np.diff(times_s)[:, None]
     missing = np.diff(q, axis=0) - v[:-1] * h - left * h**2 / 2
@@ -239,21 +276,19 @@ def quintics(
     return Trajectory(times_s, np.stack([quintic, quartic, cubic, left / 2, v[:-1], q[:-1]]))
 
 
-def _small_turn(wanted: NDArray[np.float64], now: NDArray[np.float64]) -> NDArray[np.float64]:
+def _small_turn(wanted: Array, now: Array) -> Array:
     """Return the rotation vectors (..., 3) from one rotation matrix to another, exact up to their third order."""
     turn = wanted @ np.swapaxes(now, -1, -2)
     skew = (turn - np.swapaxes(turn, -1, -2)) / 2
     return skew[..., [2, 0, 1], [1, 2, 0]]
 
 
-def _rows(line: StraightLine, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _rows(line: StraightLine, step: float) -> tuple[Array, Array]:
     """Return bounds on the rate's change u on the piece that begins at each knot.
 
-    They have the form ``|u + share x| <= room``, where x is the square of ds/dt at that knot. The first rows, one per
-    joint, are the limits there, the others those at the knot ``step`` further, where the square is ``x + 2 step u``.
-
-    Returns:
-        share: (PIECES + 1, 2 joints, 1); room: the same.
+    They have the form ``|u + share x| <= room``, (PIECES + 1, 2 joints, 1) each, where x is the square of ds/dt at that
+    knot. The first rows, one per joint, are the limits there, the others those at the knot ``step`` further, where the
+    square is ``x + 2 step u``.
     """
     ahead = 1 if step > 0 else -1
     next_slope = np.roll(line.slope, -ahead, axis=0) + 2 * step * np.roll(line.bend, -ahead, axis=0)

@@ -5,20 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.errors import BadFile, UnknownName
 from trocar.files.reading import read_arrays
+from trocar.geometry.arrays import Array
 
 UNITS_M = {"mm": 1e-3, "m": 1.0}
 
 
-def load_capture(path: str | Path, unit: str | None = None) -> NDArray[np.float64]:
+def load_capture(path: str | Path, unit: str | None = None) -> Array:
     """Return the points (n, 3) in m of an .npz (``points_mm``, ``points_m``, or its only array) or .npy file.
 
-    Args:
-        path: the file.
-        unit: 'mm' or 'm'; required if the array's name does not tell it.
+    ``path``: the file; ``unit``: 'mm' or 'm'; required if the array's name does not tell it.
 
     Raises:
         UnknownName: no such unit.

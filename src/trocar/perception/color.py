@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 HUES = 180
-
 RED_SHARE = 0.5
 """Minimum share of red in R + G + B; photographed blocks have .57-.72, steel and table .33, yellow tape .45."""
 
@@ -25,19 +24,12 @@ def red_mask(color: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class HueRange:
-    """A range of colours.
+    """A range of colours."""
 
-    Attributes:
-        low: first hue; if above ``high``, the range goes through 0.
-        high: last hue.
-        saturation: smallest.
-        value: smallest, because hue means nothing in the dark.
-    """
-
-    low: int
-    high: int
-    saturation: int
-    value: int
+    low: int  # first hue; if above ``high``, the range goes through 0
+    high: int  # last hue
+    saturation: int  # smallest
+    value: int  # smallest, because hue means nothing in the dark
 
     @staticmethod
     def around(rgb: tuple[float, float, float], hue: int = 9, saturation: int = 110, value: int = 35) -> HueRange:

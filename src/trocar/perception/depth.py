@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.perception.image import Intrinsics, RgbdImage
 
 UNDISTORT_STEPS = 40
@@ -16,7 +17,7 @@ UNDISTORT_DONE = 1e-14
 """Maximum number of fixed-point steps, and the change at which they end; the paper's camera needs fewer than 30."""
 
 
-def distort(intrinsics: Intrinsics, normalised: NDArray[np.float64]) -> NDArray[np.float64]:
+def distort(intrinsics: Intrinsics, normalised: Array) -> Array:
     """Return the distorted x/z, y/z (..., 2) by Brown's lens model (OpenCV: k1 k2 p1 p2 k3)."""
     k1, k2, p1, p2, k3 = intrinsics.distortion
     x, y = normalised[..., 0], normalised[..., 1]
@@ -27,7 +28,7 @@ def distort(intrinsics: Intrinsics, normalised: NDArray[np.float64]) -> NDArray[
     return np.stack([u, v], -1)
 
 
-def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray[np.float64]:
+def undistort(intrinsics: Intrinsics, distorted: Array) -> Array:
     """Return the x/z, y/z (..., 2) that the lens maps to ``distorted`` (fixed-point iteration)."""
     k1, k2, p1, p2, k3 = intrinsics.distortion
     point = distorted.copy()
@@ -43,7 +44,7 @@ def undistort(intrinsics: Intrinsics, distorted: NDArray[np.float64]) -> NDArray
 
 
 @lru_cache(maxsize=16)  # of whole images, and of the windows of a suture's looks
-def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
+def pixel_rays(intrinsics: Intrinsics) -> Array:
     """Return the direction (height, width, 3) of each pixel in the camera frame, scaled to z = 1."""
     pixels = np.stack(np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height)), -1)
     rays = rays_through(intrinsics, pixels)
@@ -51,14 +52,14 @@ def pixel_rays(intrinsics: Intrinsics) -> NDArray[np.float64]:
     return rays
 
 
-def rays_through(intrinsics: Intrinsics, pixels: ArrayLike) -> NDArray[np.float64]:
+def rays_through(intrinsics: Intrinsics, pixels: ArrayLike) -> Array:
     """Return the directions (..., 3) in the camera frame, scaled to z = 1, through pixels (..., 2) u, v."""
     u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
     flat = np.stack([(u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy], -1)
     return np.concatenate([undistort(intrinsics, flat), np.ones((*flat.shape[:-1], 1))], -1)
 
 
-def project(intrinsics: Intrinsics, points_m: ArrayLike) -> NDArray[np.float64]:
+def project(intrinsics: Intrinsics, points_m: ArrayLike) -> Array:
     """Return the pixels (..., 2) u, v of points (..., 3) in the camera frame; NaN for points behind the camera."""
     p = np.asarray(points_m, dtype=np.float64)
     z = np.where(p[..., 2:] > 0, p[..., 2:], np.nan)
@@ -68,20 +69,14 @@ def project(intrinsics: Intrinsics, points_m: ArrayLike) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A rectangle of an image, with the rays of its pixels.
+    """A rectangle of an image, with the rays of its pixels."""
 
-    Attributes:
-        rays: (m, n, 3) directions in the camera frame, z = 1.
-        depth_m: (m, n) along the optical axis, NaN where it is unknown.
-        color: (m, n, 3) uint8 RGB.
-    """
-
-    rays: NDArray[np.float64]
-    depth_m: NDArray[np.float64]
-    color: NDArray[np.uint8]
+    rays: Array  # (m, n, 3) directions in the camera frame, z = 1
+    depth_m: Array  # (m, n) along the optical axis, NaN where it is unknown
+    color: NDArray[np.uint8]  # (m, n, 3) uint8 RGB
 
     @property
-    def points_m(self) -> NDArray[np.float64]:
+    def points_m(self) -> Array:
         """Return the points (m, n, 3) in the camera frame, NaN where there is no depth."""
         return self.rays * self.depth_m[..., None]
 
@@ -92,14 +87,7 @@ class Patch:
 
 
 def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_m: ArrayLike) -> Patch | None:
-    """Return the rectangle of pixels that a box covers, or None if the camera does not see it.
-
-    Args:
-        image: colour and depth.
-        T_camera_box: pose of the box's frame in the camera.
-        lower_m: (3,) lower corner of the box in its frame.
-        upper_m: (3,) upper corner.
-    """
+    """Return the pixels that a box covers, given by its corners (3,) in its own frame; None: it is not seen."""
     lower, upper = np.asarray(lower_m, dtype=np.float64), np.asarray(upper_m, dtype=np.float64)
     pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)
     pixel = project(image.intrinsics, T_camera_box.apply(np.where(pick, upper, lower)))

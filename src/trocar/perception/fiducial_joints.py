@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, frames
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, TURN
-from trocar.geometry.rigid_fit import fit_rigid
+from trocar.geometry.arrays import Array
+from trocar.geometry.rigid_fit import RigidFit, fit_rigid
 from trocar.perception.fiducials import Fixture
 
 SHAFT_OFF_M = 1.0e-3
@@ -28,39 +29,19 @@ GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft",
 
 
 @dataclass(frozen=True, eq=False)
-class HandEye:
-    """The pose of an arm's base in a camera.
-
-    Attributes:
-        T_camera_base: pose.
-        rms_m: residual of the centres.
-        used: number of centres.
-        rejected: number of centres that do not agree.
-    """
-
-    T_camera_base: SE3
-    rms_m: float
-    used: int
-    rejected: int
-
-
-@dataclass(frozen=True, eq=False)
 class Measured:
-    """The result of a collection of images.
+    """The result of a collection of images."""
 
-    Attributes:
-        hand_eye: the base in the camera.
-        q: (n, 6) joints, NaN where they could not be found.
-        flags: (n,) of each row: 'good' or what is wrong.
-        distance_rms_m: error of the distances between spheres of one part against those printed.
-        p_camera_m: (n, k, 3) the accepted centres; else NaN.
-    """
+    base: RigidFit  # of the shaft's spheres, placed by the encoders, to those in the camera
+    q: Array  # (n, 6) joints, NaN where they could not be found
+    flags: tuple[str, ...]  # (n,) of each row: 'good' or what is wrong
+    distance_rms_m: float  # error of the distances between spheres of one part against those printed
+    p_camera_m: Array  # (n, k, 3) the accepted centres; else NaN
 
-    hand_eye: HandEye
-    q: NDArray[np.float64]
-    flags: tuple[str, ...]
-    distance_rms_m: float
-    p_camera_m: NDArray[np.float64]
+    @property
+    def T_camera_base(self) -> SE3:
+        """Return the pose of the arm's base in the camera."""
+        return self.base.T_target_source
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -76,18 +57,11 @@ def require_psm(arm: ArmModel) -> None:
     """Raise InvalidInput unless an arm's first axes are a PSM's: through the remote centre, normal to each other."""
     half = np.pi / 2
     if not (np.allclose(arm.twists_rad, (half, -half, half)) and np.allclose(arm.offsets[:2], (half, -half))):
-        raise InvalidInput(
-            "joints", f"can be found from spheres on a PSM only, not on {arm.name!r}", "give its recording"
-        )
+        problem = f"can be found from spheres on a PSM only, not on {arm.name!r}"
+        raise InvalidInput("joints", problem, "give its recording")
 
 
-def measure(
-    arm: ArmModel,
-    fixture: Fixture,
-    p_camera_m: NDArray[np.float64],
-    q_cmd: NDArray[np.float64],
-    rng: np.random.Generator,
-) -> Measured:
+def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rng: np.random.Generator) -> Measured:
     """Return base and joints from the spheres' centres, for rows in which the arm was at rest.
 
     Args:
@@ -97,11 +71,10 @@ def measure(
         q_cmd: (n, 6) encoder readings.
         rng: of the search for outliers.
 
-    Raises:
-        InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
+    Raises InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
     """
-    hand_eye = register_base(arm, fixture, p_camera_m, q_cmd, rng)
-    p_base = hand_eye.T_camera_base.inverse().apply(p_camera_m)
+    base = register_base(arm, fixture, p_camera_m, q_cmd, rng)
+    p_base = base.T_target_source.inverse().apply(p_camera_m)
     expected = fixture.base_centers_m(arm, q_cmd)
     off_shaft = np.linalg.norm(p_base - expected, axis=-1) > SHAFT_OFF_M
     p_base = np.where((off_shaft & fixture.on_shaft)[..., None], np.nan, p_base)
@@ -112,39 +85,29 @@ def measure(
     errors_m = distance_errors_m(fixture, accepted)
     known = errors_m[np.isfinite(errors_m)]
     rms_m = float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
-    return Measured(hand_eye, q, tuple(_flag(fixture, row) for row in seen), rms_m, accepted)
+    return Measured(base, q, tuple(_flag(fixture, row) for row in seen), rms_m, accepted)
 
 
 def register_base(
-    arm: ArmModel,
-    fixture: Fixture,
-    p_camera_m: NDArray[np.float64],
-    q_cmd: NDArray[np.float64],
-    rng: np.random.Generator,
-) -> HandEye:
+    arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rng: np.random.Generator
+) -> RigidFit:
     """Return the rigid fit of the shaft's spheres, placed by the encoders, to those in the camera, without outliers.
 
     The outer joints' encoders are exact to .3 mrad and .1 mm, so many positions of the shaft give the base.
 
-    Raises:
-        InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
+    Raises InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
     """
     require_psm(arm)
     seen = np.isfinite(p_camera_m).all(-1) & fixture.on_shaft
     images = int(seen.any(axis=1).sum())
     if images < MIN_ROWS:
-        raise InvalidInput(
-            "the shaft's spheres",
-            f"were seen in {images} images; the base needs {MIN_ROWS} or more",
-            "collect more rows, or look whether the camera sees the arm",
-        )
+        problem = f"were seen in {images} images; the base needs {MIN_ROWS} or more"
+        raise InvalidInput("the shaft's spheres", problem, "collect more rows, or look whether the camera sees the arm")
     source, target = fixture.base_centers_m(arm, q_cmd)[seen], p_camera_m[seen]
-    fit = fit_rigid(source, target, inlier_distance_m=SHAFT_OFF_M, rng=rng)
-    used = int(fit.inliers.sum())
-    return HandEye(fit.T_target_source, fit.rms_m, used, len(source) - used)
+    return fit_rigid(source, target, inlier_distance_m=SHAFT_OFF_M, rng=rng)
 
 
-def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def distance_errors_m(fixture: Fixture, p_m: Array) -> Array:
     """Return measured minus printed distances (n, pairs) between spheres of one part, NaN where one was not seen."""
     pairs = [
         (a, b) for a, b in combinations(range(len(fixture.spheres)), 2) if fixture.on_shaft[a] == fixture.on_shaft[b]
@@ -154,7 +117,7 @@ def distance_errors_m(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.
     return np.linalg.norm(p_m[:, first] - p_m[:, second], axis=-1) - printed
 
 
-def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def without_wrong_distances(fixture: Fixture, p_m: Array) -> Array:
     """Return centres (n, k, 3) with NaN for jaw spheres at wrong distances from most other jaw spheres."""
     p_m = p_m.copy()
     jaw = np.flatnonzero(~fixture.on_shaft)
@@ -169,19 +132,13 @@ def without_wrong_distances(fixture: Fixture, p_m: NDArray[np.float64]) -> NDArr
     return p_m
 
 
-def joints_from_spheres(
-    arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64], q_cmd: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the joints (n, 6) of an arm whose spheres have these centres (n, k, 3) in its base.
+def joints_from_spheres(arm: ArmModel, fixture: Fixture, p_base_m: Array, q_cmd: Array) -> Array:
+    """Return the joints (n, 6) of a PSM whose spheres have these centres (n, k, 3) in its base.
 
-    Args:
-        arm: a PSM.
-        fixture: that it wears.
-        p_base_m: NaN where a sphere was not seen; joints that cannot be determined are NaN.
-        q_cmd: (n, 6) commands; they only tell in which turn the roll is.
+    NaN where a sphere was not seen; joints that cannot be determined are NaN. The commands (n, 6) only tell in which
+    turn the roll is.
 
-    Raises:
-        InvalidInput: the arm is no PSM.
+    Raises InvalidInput: the arm is no PSM.
     """
     require_psm(arm)
     q = np.full((len(p_base_m), 6), np.nan)
@@ -192,7 +149,7 @@ def joints_from_spheres(
     return q
 
 
-def _outer_joints(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _outer_joints(arm: ArmModel, fixture: Fixture, p_base_m: Array) -> Array:
     """Return q1 q2 q3 (n, 3); NaN if no shaft sphere was seen.
 
     The shaft runs through the remote centre, the base's origin, and its spheres sit on its axis: their direction gives
@@ -210,7 +167,7 @@ def _outer_joints(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]
     return np.column_stack([np.arctan2(x, -z), np.arcsin(np.clip(-y, -1.0, 1.0)), depth - arm.offsets[2]])
 
 
-def _jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: Array) -> Array:
     """Return the rotation (n, 3, 3) of frame 6 in the base that fits the jaw's spheres; NaN with fewer than three."""
     jaw = ~fixture.on_shaft
     known = fixture.frame_centers_m(arm)[jaw]
@@ -222,9 +179,7 @@ def _jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: NDArray[np.float64
     return rotations
 
 
-def _wrist_joints(
-    arm: ArmModel, R_base_jaw: NDArray[np.float64], q_outer: NDArray[np.float64], roll_near: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _wrist_joints(arm: ArmModel, R_base_jaw: Array, q_outer: Array, roll_near: Array) -> Array:
     """Return q4 q5 q6 (n, 3) with |q5| < 90 deg; of its turns, the roll is the one nearest to ``roll_near`` (n,)."""
     R_base_insertion = frames(arm, np.column_stack([q_outer, np.zeros_like(q_outer)])).matrix[:, 3, :3, :3]
     R = np.swapaxes(R_base_insertion, -1, -2) @ R_base_jaw

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, frames
 from trocar.errors import InvalidInput, UnknownName
+from trocar.geometry.arrays import Array
 
 SHAFT, JAW = "shaft", "jaw"
 
@@ -28,37 +29,26 @@ axis."""
 
 @dataclass(frozen=True)
 class Sphere:
-    """One painted sphere.
+    """One painted sphere."""
 
-    Attributes:
-        part: the part that carries it, 'shaft' or 'jaw'.
-        color: name in :data:`COLORS`.
-        radius_m: of the sphere.
-        center_m: on the shaft: (0, 0, distance up the shaft from the pitch axis); on the jaw: in frame 6, whose z is
-            the yaw axis and along whose y the jaws point.
-    """
-
-    part: str
-    color: str
+    part: str  # the part that carries it, 'shaft' or 'jaw'
+    color: str  # name in :data:`COLORS`
     radius_m: float
+    # on the shaft: (0, 0, distance up the shaft from the pitch axis); on the jaw: in frame 6, whose z is the yaw axis
+    # and along whose y the jaws point
     center_m: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Fixture:
-    """The spheres that an instrument wears. Two spheres of the same colour on one part must differ in size.
+    """The spheres that an instrument wears. Two spheres of the same colour on one part must differ in size."""
 
-    Attributes:
-        spheres: one or more on the shaft, three or more on the jaw.
-        hub_m: (3,) middle of the cross in frame 6; thin dark arms lead from it to the jaw's spheres.
-        arm_radius_m: of these arms.
-        print_sd_m: SD of a sphere's position error on each axis after printing and gluing (assumed; the printer's
-            tolerance). Only the simulator draws it.
-    """
-
-    spheres: tuple[Sphere, ...]
+    spheres: tuple[Sphere, ...]  # one or more on the shaft, three or more on the jaw
+    # (3,) middle of the cross in frame 6; thin dark arms lead from it to the jaw's spheres
     hub_m: tuple[float, float, float]
-    arm_radius_m: float = 1.5e-3
+    arm_radius_m: float = 1.5e-3  # of these arms
+    # SD of a sphere's position error on each axis after printing and gluing (assumed; the printer's tolerance). Only
+    # the simulator draws it
     print_sd_m: float = 0.1e-3
 
     def __post_init__(self) -> None:
@@ -71,12 +61,12 @@ class Fixture:
                 raise UnknownName("a sphere's colour", sphere.color, COLORS)
 
     @cached_property
-    def radii_m(self) -> NDArray[np.float64]:
+    def radii_m(self) -> Array:
         """Return the radii (n,)."""
         return np.array([sphere.radius_m for sphere in self.spheres])
 
     @cached_property
-    def centers_m(self) -> NDArray[np.float64]:
+    def centers_m(self) -> Array:
         """Return the centres (n, 3), each in the frame of its part."""
         return np.array([sphere.center_m for sphere in self.spheres])
 
@@ -85,13 +75,13 @@ class Fixture:
         """Return which spheres (n,) are on the shaft."""
         return np.array([sphere.part == SHAFT for sphere in self.spheres])
 
-    def frame_centers_m(self, arm: ArmModel) -> NDArray[np.float64]:
+    def frame_centers_m(self, arm: ArmModel) -> Array:
         """Return the centres (n, 3) in the arm's frame 4 (shaft) or 6 (jaw)."""
         centers = self.centers_m.copy()
         centers[self.on_shaft, 2] *= arm.wrist_sign  # frame 4's z runs up or down the shaft
         return centers
 
-    def base_centers_m(self, arm: ArmModel, q: ArrayLike) -> NDArray[np.float64]:
+    def base_centers_m(self, arm: ArmModel, q: ArrayLike) -> Array:
         """Return the centres (..., n, 3) in the arm's base at joints (..., 6)."""
         carriers = frames(arm, q).matrix[..., np.where(self.on_shaft, _PITCH_FRAME, _YAW_FRAME), :, :]
         return (carriers[..., :3, :3] @ self.frame_centers_m(arm)[:, :, None])[..., 0] + carriers[..., :3, 3]
@@ -110,8 +100,7 @@ def _cross(arm_mm: float, ahead_mm: float, diameter_mm: float) -> tuple[Sphere, 
     )
 
 
-AHEAD_MM = 20.0
-"""The cross is held by the jaws, whose ends lie 10.2 mm ahead of the yaw axis (assumed)."""
+AHEAD_MM = 20.0  # the cross is held by the jaws, whose ends lie 10.2 mm ahead of the yaw axis (assumed)
 
 SIX_SPHERES = Fixture(
     spheres=(_on_shaft("red", 20.0, 15.8 + 35.0), _on_shaft("yellow", 17.0, 15.8), *_cross(35.0, AHEAD_MM, 16.0)),

@@ -10,35 +10,26 @@ from numpy.typing import NDArray
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput, InvalidValue
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """Pinhole camera with Brown's distortion, as in OpenCV: x right, y down, z forward.
+    """Pinhole camera with Brown's distortion, as in OpenCV: x right, y down, z forward."""
 
-    Attributes:
-        width: width in pixels.
-        height: height in pixels.
-        fx: focal length in pixels, horizontally.
-        fy: likewise, vertically.
-        cx: principal point in pixels, horizontally.
-        cy: likewise, vertically.
-        distortion: k1 k2 p1 p2 k3.
-    """
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    width: int  # width in pixels
+    height: int  # height in pixels
+    fx: float  # focal length in pixels, horizontally
+    fy: float  # likewise, vertically
+    cx: float  # principal point in pixels, horizontally
+    cy: float  # likewise, vertically
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
 
     def __post_init__(self) -> None:
         require_numbers(self)
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Array:
         """Return the 3 x 3 camera matrix."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
@@ -47,24 +38,12 @@ class Intrinsics:
         if factor < 1 or self.width % factor or self.height % factor:
             problem = f"does not divide the image of {self.width} x {self.height} pixels"
             raise InvalidInput(f"binning by {factor}", problem, "give a divisor")
-        centre = (factor - 1) / 2
-        return Intrinsics(
-            self.width // factor,
-            self.height // factor,
-            self.fx / factor,
-            self.fy / factor,
-            (self.cx - centre) / factor,
-            (self.cy - centre) / factor,
-            self.distortion,
-        )
+        size, centre = (self.width // factor, self.height // factor), (factor - 1) / 2
+        middle = (self.cx - centre) / factor, (self.cy - centre) / factor
+        return Intrinsics(*size, self.fx / factor, self.fy / factor, *middle, self.distortion)
 
     def cropped(self, corner_px: tuple[int, int], size_px: tuple[int, int]) -> Intrinsics:
-        """Return the camera that reads out only a rectangle of this one's pixels.
-
-        Args:
-            corner_px: (u, v) of the rectangle's first pixel.
-            size_px: (width, height).
-        """
+        """Return the camera that reads out only a rectangle of this one's pixels, from its first pixel (u, v) on."""
         (u, v), (width, height) = corner_px, size_px
         if min(u, v) < 0 or min(width, height) < 1 or u + width > self.width or v + height > self.height:
             item = f"the rectangle of {width} x {height} pixels at {corner_px}"
@@ -74,19 +53,12 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage:
-    """A colour and a depth image with common pixels; its arrays have to match its camera.
+    """A colour and a depth image with common pixels; its arrays have to match its camera."""
 
-    Attributes:
-        color: (height, width, 3) uint8, RGB.
-        depth_m: (height, width) float32 along the optical axis; NaN where the sensor has no value.
-        intrinsics: the camera that took it.
-        time_s: time of the image on the cell's clock.
-    """
-
-    color: NDArray[np.uint8]
-    depth_m: NDArray[np.float32]
+    color: NDArray[np.uint8]  # (height, width, 3) uint8, RGB
+    depth_m: NDArray[np.float32]  # (height, width) float32 along the optical axis; NaN where the sensor has no value
     intrinsics: Intrinsics
-    time_s: float = 0.0
+    time_s: float = 0.0  # time of the image on the cell's clock
 
     def __post_init__(self) -> None:
         _require_colors("an RGBD image", self.color, self.intrinsics)
@@ -97,34 +69,21 @@ class RgbdImage:
 
 @dataclass(frozen=True)
 class StereoRig:
-    """Two cameras side by side that expose together.
+    """Two cameras side by side that expose together."""
 
-    Attributes:
-        left: the camera that poses refer to.
-        right: the other one.
-        T_left_right: pose of the right camera in the left one; for a rectified pair a shift along x alone.
-    """
-
-    left: Intrinsics
+    left: Intrinsics  # the camera that poses refer to
     right: Intrinsics
-    T_left_right: SE3
+    T_left_right: SE3  # pose of the right camera in the left one; for a rectified pair a shift along x alone
 
 
 @dataclass(frozen=True, eq=False)
 class StereoImage:
-    """Two colour images of one moment; they have to match their cameras.
+    """Two colour images of one moment; they have to match their cameras."""
 
-    Attributes:
-        left: (height, width, 3) uint8, RGB.
-        right: likewise.
-        rig: the cameras that took them.
-        time_s: when, on the cell's clock.
-    """
-
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
+    left: NDArray[np.uint8]  # (height, width, 3) uint8, RGB
+    right: NDArray[np.uint8]  # likewise
     rig: StereoRig
-    time_s: float = 0.0
+    time_s: float = 0.0  # when, on the cell's clock
 
     def __post_init__(self) -> None:
         _require_colors("the left image of a pair", self.left, self.rig.left)
@@ -133,30 +92,19 @@ class StereoImage:
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of a camera's pixels.
+    """A rectangle of a camera's pixels."""
 
-    Attributes:
-        corner_px: (u, v) of its first pixel.
-        size_px: (width, height).
-    """
-
-    corner_px: tuple[int, int]
-    size_px: tuple[int, int]
+    corner_px: tuple[int, int]  # (u, v) of its first pixel
+    size_px: tuple[int, int]  # (width, height)
 
 
 @dataclass(frozen=True)
 class StereoWindow:
-    """A rectangle of each eye's pixels; both begin in the same row if the pair is to stay rectified.
-
-    Attributes:
-        left: of the left eye.
-        right: of the right eye.
-        binning: the sensors combine this many by this many pixels; corners and sizes are multiples of it.
-    """
+    """A rectangle of each eye's pixels; both begin in the same row if the pair is to stay rectified."""
 
     left: Window
     right: Window
-    binning: int = 1
+    binning: int = 1  # the sensors combine this many by this many pixels; corners and sizes are multiples of it
 
     def __post_init__(self) -> None:
         for window in (self.left, self.right):
@@ -165,11 +113,7 @@ class StereoWindow:
                 raise InvalidInput(f"binning by {self.binning}", problem, "give multiples of it")
 
     def of(self, rig: StereoRig) -> StereoRig:
-        """Return the pair that reads out only these rectangles.
-
-        Raises:
-            InvalidInput: a rectangle leaves its image.
-        """
+        """Return the pair that reads out only these rectangles (InvalidInput: a rectangle leaves its image)."""
         left, right = (
             eye.cropped(window.corner_px, window.size_px).binned(self.binning)
             for eye, window in ((rig.left, self.left), (rig.right, self.right))

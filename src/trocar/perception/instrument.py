@@ -11,71 +11,49 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.perception.depth import patch_around
 from trocar.perception.image import RgbdImage
 from trocar.perception.instrument_solids import InstrumentSolids
 
-WINDOW_M = 0.030
-"""Half the edge of the cube about the tip in which the instrument is searched for."""
-NEAR_M = 4e-3
-"""Points this close to the expected instrument are taken for points on it."""
-BEHIND_M = 0.015
-"""Points this far behind the tip are background."""
-BESIDE_M = 1.6e-3
-"""Rays that pass this close to the expected instrument show where it is not."""
+WINDOW_M = 0.030  # half the edge of the cube about the tip in which the instrument is searched for
+NEAR_M = 4e-3  # points this close to the expected instrument are taken for points on it
+BEHIND_M = 0.015  # points this far behind the tip are background
+BESIDE_M = 1.6e-3  # rays that pass this close to the expected instrument show where it is not
 COARSE_M, FINE_M = 4e-3, 0.7e-3
 """Spacing in depth at which all rays are sampled, and a finer one where they pass the instrument."""
-FINE_STEPS = 6
-"""Number of fine steps on either side of the point where a ray is nearest."""
-INTO_M = 0.1e-3
-"""Rays may pass through an edge this deep, because a pixel averages over its area."""
+FINE_STEPS = 6  # number of fine steps on either side of the point where a ray is nearest
+INTO_M = 0.1e-3  # rays may pass through an edge this deep, because a pixel averages over its area
 POINT_SD_M = 0.3e-3
-ROBUST = 1.5
-"""A residual of more SDs than this counts less (Cauchy)."""
+ROBUST = 1.5  # a residual of more SDs than this counts less (Cauchy)
 TOGETHER = 25.0
 """This many neighbouring points share their error and count as one (checked: `benchmarks/bench_sighting.py`)."""
 STEPS = 8
-MOST_TURN_RAD, MOST_SHIFT_M = 0.1, 0.5e-3
-"""Greatest step of the search."""
+MOST_TURN_RAD, MOST_SHIFT_M = 0.1, 0.5e-3  # greatest step of the search
 START_SD = np.array([0.3, 0.3, 0.3, 1e-3, 1e-3, 1e-3])
 """SDs of wrist (rad) and shift (m) about their expected values; they constrain the search where an image shows
 nothing."""
-FEWEST = 60
-"""With fewer points than this on it, the instrument was not seen."""
+FEWEST = 60  # with fewer points than this on it, the instrument was not seen
 
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A normal likelihood of the wrist joints and the shift.
+    """A normal likelihood of the wrist joints and the shift."""
 
-    Attributes:
-        q: (6,) joints about which it was fitted, rad and m; for the wrist, the best fit.
-        shift_m: (3,) best-fitting shift of the instrument in its base.
-        information: (6, 6) of q4 q5 q6 and the shift, 1/rad and 1/m.
-        pull: (6,) gradient of the log likelihood there; 0 except for the effect of the search's prior.
-        points: number of points on the instrument.
-        left_m: robust SD of their distances to its solids.
-    """
-
-    q: NDArray[np.float64]
-    shift_m: NDArray[np.float64]
-    information: NDArray[np.float64]
-    pull: NDArray[np.float64]
-    points: int
-    left_m: float
+    q: Array  # (6,) joints about which it was fitted, rad and m; for the wrist, the best fit
+    shift_m: Array  # (3,) best-fitting shift of the instrument in its base
+    information: Array  # (6, 6) of q4 q5 q6 and the shift, 1/rad and 1/m
+    # (6,) gradient of the log likelihood there; 0 except for the effect of the search's prior
+    pull: Array
+    points: int  # number of points on the instrument
+    left_m: float  # robust SD of their distances to its solids
 
 
 def sight(
-    image: RgbdImage,
-    T_base_camera: SE3,
-    arm: ArmModel,
-    q: NDArray[np.float64],
-    jaw_rad: float,
-    T_base_floor: SE3 | None = None,
+    image: RgbdImage, T_base_camera: SE3, arm: ArmModel, q: Array, jaw_rad: float, T_base_floor: SE3 | None = None
 ) -> Sighting | None:
     """Return what a depth image shows of an instrument's wrist; None if it is not seen.
 
@@ -107,13 +85,8 @@ def sight(
 
 
 def _gather(
-    image: RgbdImage,
-    T_base_camera: SE3,
-    arm: ArmModel,
-    q: NDArray[np.float64],
-    jaw_rad: float,
-    T_base_floor: SE3 | None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    image: RgbdImage, T_base_camera: SE3, arm: ArmModel, q: Array, jaw_rad: float, T_base_floor: SE3 | None
+) -> tuple[Array, Array] | None:
     """Return points (n, 3) on the instrument, and points (m, k, 3) along rays that pass it; in the arm's base."""
     p_tip = fk(arm, q).translation_m
     T_camera_tip = T_base_camera.inverse() @ SE3.from_parts(translation_m=p_tip)
@@ -146,13 +119,8 @@ def _gather(
 
 
 def _normal_equations(
-    arm: ArmModel,
-    q: NDArray[np.float64],
-    x: NDArray[np.float64],
-    jaw_rad: float,
-    points: NDArray[np.float64],
-    rays: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    arm: ArmModel, q: Array, x: Array, jaw_rad: float, points: Array, rays: Array
+) -> tuple[Array, Array, float]:
     """Return information (6, 6) and gradient (6,) of the fit's cost at a rotation and shift (6,), and the residuals."""
     turned = q.copy()
     turned[3:] += x[:3]

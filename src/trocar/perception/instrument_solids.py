@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from trocar.arms import ArmModel, frames
 from trocar.arms.instrument import CLEVIS_SHARE, KNUCKLE_SHARE, SLEEVE_M, SLEEVE_SHARE, Instrument
+from trocar.geometry.arrays import Array
 
 CARRIED = np.array([[0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 1, 1], [1, 1, 1], [1, 1, 1]], dtype=np.float64)
 """(6, 3) 1 where q4 q5 q6 move a solid: shaft and its sleeve (which are round), clevis, knuckle, fingers."""
-FRAMES = np.array([0, 0, 1, 2, 2, 2])
-"""Index of the frame (4, 5 or 6) in which each solid is fixed."""
+FRAMES = np.array([0, 0, 1, 2, 2, 2])  # index of the frame (4, 5 or 6) in which each solid is fixed
 
 
 @dataclass(frozen=True)
@@ -27,17 +26,17 @@ class Cylinder:
     lower_m: float
     upper_m: float
 
-    def _out(self, p: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _out(self, p: Array) -> tuple[Array, Array]:
         middle, half = 0.5 * (self.lower_m + self.upper_m), 0.5 * (self.upper_m - self.lower_m)
         return np.hypot(p[:, 0], p[:, 1]) - self.radius_m, np.abs(p[:, 2] - middle) - half
 
-    def distance_m(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance_m(self, p: Array) -> Array:
         """Return the signed distances (n,) of points (n, 3)."""
         beside, beyond = self._out(p)
         inside = np.minimum(np.maximum(beside, beyond), 0.0)
         return inside + np.hypot(np.maximum(beside, 0.0), np.maximum(beyond, 0.0))
 
-    def gradient(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gradient(self, p: Array) -> Array:
         """Return the gradients (n, 3)."""
         beside, beyond = self._out(p)
         out = np.column_stack([np.maximum(beside, 0.0), np.maximum(beyond, 0.0)])
@@ -54,18 +53,18 @@ class Cylinder:
 class Capsule:
     """A rod from the frame's origin to an end (3,)."""
 
-    end_m: NDArray[np.float64]
+    end_m: Array
     radius_m: float
 
-    def _away(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _away(self, p: Array) -> Array:
         along = np.clip(p @ self.end_m / (self.end_m @ self.end_m), 0.0, 1.0)
         return p - along[:, None] * self.end_m
 
-    def distance_m(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance_m(self, p: Array) -> Array:
         """Return the signed distances (n,) of points (n, 3)."""
         return np.linalg.norm(self._away(p), axis=1) - self.radius_m
 
-    def gradient(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gradient(self, p: Array) -> Array:
         """Return the gradients (n, 3)."""
         away = self._away(p)
         return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
@@ -75,14 +74,14 @@ class Capsule:
 class Hull:
     """A convex solid, outward normals (k, 3) and offsets (k,); near its edges the distance is slightly too small."""
 
-    normals: NDArray[np.float64]
-    offsets: NDArray[np.float64]
+    normals: Array
+    offsets: Array
 
-    def distance_m(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance_m(self, p: Array) -> Array:
         """Return the signed distances (n,) of points (n, 3)."""
         return (p @ self.normals.T + self.offsets).max(axis=1)
 
-    def gradient(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gradient(self, p: Array) -> Array:
         """Return the gradients (n, 3)."""
         return self.normals[(p @ self.normals.T + self.offsets).argmax(axis=1)]
 
@@ -92,27 +91,15 @@ Solid = Cylinder | Capsule | Hull
 
 @dataclass(frozen=True, eq=False)
 class InstrumentSolids:
-    """An instrument in one configuration.
+    """An instrument in one configuration."""
 
-    Attributes:
-        R: (3, 3, 3) of frames 4, 5, 6 in the arm's base.
-        p: (3, 3) their origins, m.
-        solids: shaft, sleeve, clevis, knuckle, left and right finger, in their frames.
-    """
-
-    R: NDArray[np.float64]
-    p: NDArray[np.float64]
-    solids: Sequence[Solid]
+    R: Array  # (3, 3, 3) of frames 4, 5, 6 in the arm's base
+    p: Array  # (3, 3) their origins, m
+    solids: Sequence[Solid]  # shaft, sleeve, clevis, knuckle, left and right finger, in their frames
 
     @staticmethod
-    def of(arm: ArmModel, q: NDArray[np.float64], jaw_rad: float) -> InstrumentSolids:
-        """Return the solids of an arm's instrument.
-
-        Args:
-            arm: whose.
-            q: (6,) joints, rad and m.
-            jaw_rad: opening between the fingers.
-        """
+    def of(arm: ArmModel, q: Array, jaw_rad: float) -> InstrumentSolids:
+        """Return the solids of an arm's instrument at joints (6,) and an opening between the fingers."""
         shape, pose, back = arm.instrument, frames(arm, q).matrix, float(arm.wrist_sign)
         R, p = pose[4:7, :3, :3], pose[4:7, :3, 3]
         half_m = 0.5 * KNUCKLE_SHARE * shape.finger_width_m
@@ -126,11 +113,11 @@ class InstrumentSolids:
         ]
         return InstrumentSolids(R, p, solids)
 
-    def distance_m(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance_m(self, points_m: Array) -> Array:
         """Return the signed distances (n,) of points (n, 3) in the arm's base to the nearest solid."""
         return self._all(self._local(points_m)).min(axis=0)
 
-    def slopes(self, points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def slopes(self, points_m: Array) -> tuple[Array, Array]:
         """Return the distances (n,) of points (n, 3), and their derivatives (n, 6).
 
         The derivatives are by q4 q5 q6 (m/rad) and by a shift of the whole instrument in the base.
@@ -149,10 +136,10 @@ class InstrumentSolids:
             by[rows, 3:] = -normal
         return found.min(axis=0), by
 
-    def _local(self, points_m: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    def _local(self, points_m: Array) -> list[Array]:
         return [(points_m - p) @ R for R, p in zip(self.R, self.p, strict=True)]
 
-    def _all(self, local: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    def _all(self, local: Sequence[Array]) -> Array:
         return np.array([solid.distance_m(local[frame]) for solid, frame in zip(self.solids, FRAMES, strict=True)])
 
 
@@ -165,7 +152,7 @@ def _finger(shape: Instrument, side: int, jaw_rad: float) -> Hull:
 
 
 @lru_cache(maxsize=8)
-def _planes(shape: Instrument, side: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _planes(shape: Instrument, side: int) -> tuple[Array, Array]:
     """Return outward normals (k, 3) and offsets (k,) of a finger's faces in its joint's frame."""
     hull = np.unique(ConvexHull(shape.finger_m(side)).equations.round(9), axis=0)
     return hull[:, :3], hull[:, 3]

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.geometry.arrays import Array
 from trocar.perception.depth import rays_through
 from trocar.perception.fiducials import COLORS, Fixture
 from trocar.perception.image import RgbdImage
@@ -16,24 +17,15 @@ from trocar.perception.image import RgbdImage
 HUE_DEG = 20.0
 """A pixel shows a paint if its hue is this close; the paints are at least 48 deg apart, and noise shifts a hue by some
 deg."""
-MIN_SATURATION, MIN_VALUE = 0.45, 0.14
-"""Pixels below these are metal, carbon or dark, where hue means nothing."""
-MIN_PIXELS, MIN_SHARE = 20, 0.15
-"""Number of pixels, and share of a sphere's disc, that must be seen."""
-MIN_GOOD = 0.7
-"""Share of a blob's points that must lie on one sphere; with less, it is two spheres behind each other."""
-MAX_RMS_M = 0.5e-3
-"""Maximum RMS distance of these points from the sphere; the sensor's noise is .2 mm."""
-RADIUS_OFF_M = 0.6e-3
-"""Maximum difference between a fitted radius and that of the assigned sphere."""
-MAX_POINTS = 300
-"""Number of a blob's points that are fitted; more would not improve the centre."""
+MIN_SATURATION, MIN_VALUE = 0.45, 0.14  # pixels below these are metal, carbon or dark, where hue means nothing
+MIN_PIXELS, MIN_SHARE = 20, 0.15  # number of pixels, and share of a sphere's disc, that must be seen
+MIN_GOOD = 0.7  # share of a blob's points that must lie on one sphere; with less, it is two spheres behind each other
+MAX_RMS_M = 0.5e-3  # maximum RMS distance of these points from the sphere; the sensor's noise is .2 mm
+RADIUS_OFF_M = 0.6e-3  # maximum difference between a fitted radius and that of the assigned sphere
+MAX_POINTS = 300  # number of a blob's points that are fitted; more would not improve the centre
 OPENING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
-
-STEPS, DONE_M = 12, 1e-6
-"""Maximum number of Gauss-Newton steps of a fit, and the change at which it ends."""
-LARGEST_M = 0.1
-"""A larger radius means that the points lie on a plane or a line."""
+STEPS, DONE_M = 12, 1e-6  # maximum number of Gauss-Newton steps of a fit, and the change at which it ends
+LARGEST_M = 0.1  # a larger radius means that the points lie on a plane or a line
 GATE_SIGMAS, MIN_GATE_M = 3.0, 0.3e-3
 """A point counts if its distance from the sphere is below this many SDs; the gate never shrinks below the minimum.
 Pixels at the rim, between the sphere and what is behind it, are rejected this way."""
@@ -41,19 +33,12 @@ Pixels at the rim, between the sphere and what is behind it, are rejected this w
 
 @dataclass(frozen=True, eq=False)
 class SphereFit:
-    """A sphere through points.
+    """A sphere through points."""
 
-    Attributes:
-        center_m: (3,) in the frame of the points.
-        radius_m: found, or as given.
-        rms_m: RMS distance of the points that count.
-        share: share of the points that count.
-    """
-
-    center_m: NDArray[np.float64]
-    radius_m: float
-    rms_m: float
-    share: float
+    center_m: Array  # (3,) in the frame of the points
+    radius_m: float  # found, or as given
+    rms_m: float  # RMS distance of the points that count
+    share: float  # share of the points that count
 
     @property
     def good(self) -> bool:
@@ -61,15 +46,11 @@ class SphereFit:
         return self.share >= MIN_GOOD and self.rms_m <= MAX_RMS_M
 
 
-@dataclass(frozen=True, eq=False)
-class _Blob:
-    """Connected pixels of one colour with depth, and the sphere of free radius through them."""
-
-    points_m: NDArray[np.float64]
-    rough: SphereFit
+_Blob = tuple[Array, SphereFit]
+"""Points (n, 3) of connected pixels of one colour, and the sphere of free radius through them."""
 
 
-def find_spheres(image: RgbdImage, fixture: Fixture) -> NDArray[np.float64]:
+def find_spheres(image: RgbdImage, fixture: Fixture) -> Array:
     """Return the centres (n, 3) of a fixture's spheres in the camera frame; NaN for those not seen well.
 
     Pixels are grouped by colour; blobs of the same colour are distinguished by the radius of the sphere through them;
@@ -83,24 +64,18 @@ def find_spheres(image: RgbdImage, fixture: Fixture) -> NDArray[np.float64]:
         radii_m = fixture.radii_m[wanted]
         away = np.abs((hsv[..., 0].astype(np.int16) - _hue(color) + 128) % 256 - 128)
         blobs = _blobs(image, (clear & (away * (360 / 256) <= HUE_DEG)).astype(np.uint8), float(radii_m.min()))
-        for number, blob in _assigned(blobs, radii_m).items():
-            fit = fit_sphere(blob.points_m, float(radii_m[number]), blob.rough.center_m)
+        for number, (points, rough) in _assigned(blobs, radii_m).items():
+            fit = fit_sphere(points, float(radii_m[number]), rough.center_m)
             if fit is not None and fit.good:
                 centers[wanted[number]] = fit.center_m
     return centers
 
 
-def fit_sphere(
-    points_m: NDArray[np.float64], radius_m: float | None = None, near_m: NDArray[np.float64] | None = None
-) -> SphereFit | None:
+def fit_sphere(points_m: Array, radius_m: float | None = None, near_m: Array | None = None) -> SphereFit | None:
     """Return the sphere nearest to points (n, 3) that are seen from the origin; None if it cannot be found.
 
-    Gauss-Newton on the distances from the surface; outliers are left out step by step.
-
-    Args:
-        points_m: on the side of the sphere that faces the origin.
-        radius_m: of the sphere, if known; None: it is fitted too.
-        near_m: (3,) guess of its centre; None: behind the points.
+    Gauss-Newton on the distances from the surface; outliers are left out step by step. Without a radius, it is fitted
+    too; without a guess ``near_m`` (3,) of the centre, it is sought behind the points.
     """
     if len(points_m) < 4:
         return None
@@ -161,13 +136,13 @@ def _blobs(image: RgbdImage, mask: NDArray[np.uint8], radius_m: float) -> list[_
         points = rays_through(image.intrinsics, pixels[some]) * depth[some, None]
         rough = fit_sphere(points)
         if rough is not None and rough.good:
-            found.append(_Blob(points, rough))
+            found.append((points, rough))
     return found
 
 
-def _assigned(blobs: Sequence[_Blob], radii_m: NDArray[np.float64]) -> dict[int, _Blob]:
+def _assigned(blobs: Sequence[_Blob], radii_m: Array) -> dict[int, _Blob]:
     """Assign blobs of a colour to spheres by size, the best pairs first; each is used once."""
-    off = np.array([[abs(blob.rough.radius_m - radius) for blob in blobs] for radius in radii_m])
+    off = np.array([[abs(rough.radius_m - radius) for _, rough in blobs] for radius in radii_m])
     chosen: dict[int, _Blob] = {}
     used: set[int] = set()
     for flat in np.argsort(off, axis=None, kind="stable"):

@@ -10,29 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.perception.depth import rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 
-SAME_ROW = 1e-9
-"""Relative difference of focal lengths, rotations and rows below which a pair counts as rectified."""
-LEAST_CORRELATION = 0.6
-"""A window with less correlation counts as not found."""
-AGREE_PX = 1.0
-"""Maximum difference between the disparities found from the right and from the left picture."""
-FLAT = 1.0
-"""Variance of noise alone, in squared grey levels; windows with no more than that match anything."""
+SAME_ROW = 1e-9  # relative difference of focal lengths, rotations and rows below which a pair counts as rectified
+LEAST_CORRELATION = 0.6  # a window with less correlation counts as not found
+AGREE_PX = 1.0  # maximum difference between the disparities found from the right and from the left picture
+FLAT = 1.0  # variance of noise alone, in squared grey levels; windows with no more than that match anything
 
 
-def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray]:
+def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[Array, NDArray]:
     """Return points (..., 3) in the left camera's frame, and by how much the two rays miss each other (...,) in m.
 
-    A point is the middle of the shortest line between the rays through its pixels. Works for every pair of lenses; if
-    the rays are parallel or meet behind an eye, point and miss are NaN.
-
-    Args:
-        rig: the cameras.
-        left_px: (..., 2) u, v in the left image.
-        right_px: (..., 2) of the same points in the right one.
+    A point is the middle of the shortest line between the rays through its pixels (..., 2) u, v in both images. Works
+    for every pair of lenses; if the rays are parallel or meet behind an eye, point and miss are NaN.
     """
     one = rays_through(rig.left, left_px)
     other = rig.T_left_right.rotation.apply(rays_through(rig.right, right_px))
@@ -68,8 +60,7 @@ def rectify(image: StereoImage) -> tuple[StereoImage, SO3]:
     A pair that is rectified already is returned as it is. The new left camera stands where the old one does; a point p
     in its frame is ``R_left_rectified`` p in the old one's.
 
-    Raises:
-        InvalidInput: the eyes stand on the same spot or behind each other.
+    Raises InvalidInput: the eyes stand on the same spot or behind each other.
     """
     rig = image.rig
     if is_rectified(rig):
@@ -118,7 +109,7 @@ def disparity_map(
     box_px: tuple[int, int, int, int],
     disparity_px: tuple[float, float],
     window_px: int = 9,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the disparity (h, w) of the left pixels in a box, NaN where it is not clear.
 
     Each pixel's window is correlated with windows in the same row of the right picture (zero mean, unit variance, so

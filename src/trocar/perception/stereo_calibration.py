@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.perception.checkerboard import MIN_VIEWS, Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, StereoRig
@@ -25,48 +26,29 @@ MIN_CONTRAST = 3.0
 """Least difference in grey levels between white and black squares as exposed; with less, it is not a board."""
 
 CALIBRATED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-9)
-LENS = cv2.CALIB_FIX_K3
-"""k1 k2 p1 p2 are free; k3 of a 6 mm lens cannot be observed over so small a workspace."""
-
-LENGTH_M = 0.1
-"""A rotation by 1 rad counts as much as a shift by this length, to scale both alike for the solver."""
+LENS = cv2.CALIB_FIX_K3  # k1 k2 p1 p2 are free; k3 of a 6 mm lens cannot be observed over so small a workspace
+LENGTH_M = 0.1  # a rotation by 1 rad counts as much as a shift by this length, to scale both alike for the solver
 
 
 @dataclass(frozen=True, eq=False)
 class StereoCalibration:
-    """A calibrated pair.
+    """A calibrated pair."""
 
-    Attributes:
-        rig: its lenses, and the pose of the right eye in the left.
-        rms_px: distance between corners and their projections over all views and both eyes.
-        views: how many it was calibrated from.
-    """
-
-    rig: StereoRig
-    rms_px: float
-    views: int
+    rig: StereoRig  # its lenses, and the pose of the right eye in the left
+    rms_px: float  # distance between corners and their projections over all views and both eyes
+    views: int  # how many it was calibrated from
 
 
 @dataclass(frozen=True, eq=False)
 class BoardPose:
-    """The pose of a board.
+    """The pose of a board."""
 
-    Attributes:
-        T_left_board: pose of the board in the left eye's camera.
-        rms_px: distance between corners and their projections over both eyes.
-    """
-
-    T_left_board: SE3
-    rms_px: float
+    T_left_board: SE3  # pose of the board in the left eye's camera
+    rms_px: float  # distance between corners and their projections over both eyes
 
 
-def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> NDArray[np.float64] | None:
-    """Return the inner corners (rows * columns, 2) u, v of a board in the board's order, or None if it is not seen.
-
-    Args:
-        board: the one to search for; the whole of it must be in the image.
-        image: (height, width, 3) uint8 RGB.
-    """
+def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> Array | None:
+    """Return the inner corners (n, 2) u, v of a whole board in an RGB image, in its order; None: not seen."""
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     low, high = np.percentile(gray, (DARKEST, BRIGHTEST))
     stretched = np.clip((gray - low) * (255.0 / max(high - low, 1.0)), 0, 255).astype(np.uint8)
@@ -79,27 +61,20 @@ def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> NDArray[np.fl
 
 
 def calibrate_stereo(
-    board: Checkerboard, left_px: NDArray[np.float64], right_px: NDArray[np.float64], size_px: tuple[int, int]
+    board: Checkerboard, left_px: Array, right_px: Array, size_px: tuple[int, int]
 ) -> StereoCalibration:
     """Return the pair that projects the board's corners nearest to where both eyes see them, over all views.
 
-    Args:
-        board: that was shown.
-        left_px: (n, k, 2) corners in the left eye's images, in the board's order.
-        right_px: (n, k, 2) likewise, of the same moments.
-        size_px: width and height of the images.
+    The corners (n, k, 2) of both eyes are in the board's order, and of the same moments; ``size_px`` is width, height.
 
-    Raises:
-        InvalidInput: there are too few views.
+    Raises InvalidInput: there are too few views.
     """
     corners = board.corners_m.astype(np.float32)
     _require_corners(left_px, right_px, (len(left_px), len(corners), 2))
     if len(left_px) < MIN_VIEWS:
-        raise InvalidInput(
-            f"{len(left_px)} views in which both eyes see the whole board",
-            "are too few for a calibration",
-            f"show the board in {MIN_VIEWS} or more poses, tilted, all over the image",
-        )
+        problem = "are too few for a calibration"
+        remedy = f"show the board in {MIN_VIEWS} or more poses, tilted, all over the image"
+        raise InvalidInput(f"{len(left_px)} views in which both eyes see the whole board", problem, remedy)
     objects = [corners] * len(left_px)
     left, right = ([view.astype(np.float32)[:, None] for view in views] for views in (left_px, right_px))
     (K1, d1), (K2, d2) = (  # each eye alone, then both together
@@ -115,25 +90,18 @@ def calibrate_stereo(
     return StereoCalibration(rig, float(rms), len(left_px))
 
 
-def board_pose(
-    board: Checkerboard, rig: StereoRig, left_px: NDArray[np.float64], right_px: NDArray[np.float64]
-) -> BoardPose:
+def board_pose(board: Checkerboard, rig: StereoRig, left_px: Array, right_px: Array) -> BoardPose:
     """Return the pose that projects the corners nearest to where both eyes see them.
 
-    Args:
-        board: which one.
-        rig: the calibrated pair.
-        left_px: (n, 2) corners in the left eye's image, in the board's order.
-        right_px: (n, 2) likewise.
+    The corners (n, 2) of both eyes are in the board's order.
 
-    Raises:
-        InvalidInput: no pose of the board explains the corners.
+    Raises InvalidInput: no pose of the board explains the corners.
     """
     corners = board.corners_m
     _require_corners(left_px, right_px, (len(corners), 2))
     T_right_left = rig.T_left_right.inverse()
 
-    def off_px(T_left_board: SE3) -> NDArray[np.float64]:
+    def off_px(T_left_board: SE3) -> Array:
         p_left = T_left_board.apply(corners)
         return np.concatenate(
             [project(rig.left, p_left) - left_px, project(rig.right, T_right_left.apply(p_left)) - right_px]
@@ -147,9 +115,8 @@ def board_pose(
     guesses = [SE3.from_parts(SO3.exp(f[3:]), f[:3]) for f in found if np.isfinite(f).all()]
     guesses = [guess for guess in guesses if np.isfinite(off_px(guess)).all()]
     if not guesses:
-        raise InvalidInput(
-            "the corners of the board", "fit no pose before both eyes", "check that each is in its place"
-        )
+        problem = "fit no pose before both eyes"
+        raise InvalidInput("the corners of the board", problem, "check that each is in its place")
     guess = min(guesses, key=lambda T: float(np.sum(off_px(T) ** 2)))
     scale = np.repeat([LENGTH_M, 1.0], 3)
     fit = least_squares(lambda step: off_px(guess @ SE3.exp(step * scale)).ravel(), np.zeros(6), method="lm")
@@ -157,7 +124,7 @@ def board_pose(
     return BoardPose(T, float(np.sqrt(np.mean(np.sum(off_px(T) ** 2, axis=-1)))))
 
 
-def _refined(grid: NDArray[np.float64], picture: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _refined(grid: Array, picture: NDArray[np.uint8]) -> Array:
     """Return corners (rows, columns, 2) at the saddles of brightness; one that would move far stays where it is."""
     apart = min(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1))
     half = max(2, int(REFINE_SHARE * apart))
@@ -169,7 +136,7 @@ def _refined(grid: NDArray[np.float64], picture: NDArray[np.uint8]) -> NDArray[n
     return np.where(near, moved, grid)
 
 
-def _in_order(board: Checkerboard, grid: NDArray[np.float64], gray: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+def _in_order(board: Checkerboard, grid: Array, gray: NDArray[np.uint8]) -> Array | None:
     """Return corners (rows, columns, 2), in whichever order they were found, as (n, 2) in the board's."""
     (ax, ay), (bx, by) = (grid[:, -1] - grid[:, 0]).mean(0), (grid[-1] - grid[0]).mean(0)
     if ax * by - ay * bx < 0:  # seen in a mirror: columns run the other way
@@ -185,7 +152,7 @@ def _in_order(board: Checkerboard, grid: NDArray[np.float64], gray: NDArray[np.u
     return (grid if contrast > 0 else grid[::-1, ::-1]).reshape(-1, 2)
 
 
-def _require_corners(left_px: NDArray[np.float64], right_px: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+def _require_corners(left_px: Array, right_px: Array, shape: tuple[int, ...]) -> None:
     if left_px.shape != shape or right_px.shape != shape:
         problem = f"have shapes {left_px.shape} and {right_px.shape}"
         raise InvalidInput("corners of both eyes", problem, f"they need {shape}")

@@ -14,13 +14,18 @@ from trocar.extras import how_to_install
 from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
 from trocar.replay import Replay, Solid
-from trocar.report.command import command_of
-from trocar.report.goals import MOST, draw_failed, failed_goals, failures_table, goals_table, picked, trials_table
-from trocar.report.page.run_page import RunReport, write_page
-from trocar.report.picture import Picture
-from trocar.report.stills import can_photograph, draw_storyboard, photographer_of
+from trocar.report.page import Captioned
+from trocar.report.run_page import command_of, place_of, write_page
+from trocar.report.stills import (
+    MOST_FAILED,
+    can_photograph,
+    draw_failed,
+    draw_storyboard,
+    failed_goals,
+    photographer_of,
+    picked,
+)
 from trocar.report.summary import Summary, summarise
-from trocar.report.tables import run_table
 from trocar.report.timechart import draw_timechart
 
 
@@ -37,7 +42,7 @@ def report_of(trial: Trial) -> TaskReport:
 def write_report(
     folder: str | Path, trials: Sequence[Trial], strange: Sequence[str] = (), into: str | Path | None = None
 ) -> tuple[Summary, list[Path]]:
-    """Write summary, pictures, replay and page; return the summary and the files' paths.
+    """Write summary, pictures, replay and page of a run's trials; return the summary and the files' paths.
 
     Args:
         folder: of the run.
@@ -50,31 +55,29 @@ def write_report(
     summary = summarise(trials, report)
     make_folder(folder)
     files = [write_json(folder / "summary.json", summary, "summary of a run")]
-    storyboard, timechart = _pictures(folder, first, trials, report)
+    storyboard, timechart = _pictures(folder, trials, report)
     noted = [trial.noted() for trial in trials]
     failed = failed_goals(noted, report)
-    failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST), report, can_photograph())
+    failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST_FAILED), report, can_photograph())
     if find_spec("viser") is not None:
         from trocar.view.replay import write_replay  # an extra
 
         files.append(write_replay(_for_people(first.replay(), report), folder / "replay.html"))
-    compared = run_table(summary, report.paper_rows(summary), report.paper_count(summary))
-    page = RunReport(
-        summary=summary,
-        compared=[compared, *report.tables(summary)],
-        goals=[goals_table(noted, report), *([trials_table(noted)] if len(noted) > 1 else [])],
-        failures=failures_table(summary["failures"], summary["attempted"], summary["goal_noun"], report),
+    page = write_page(
+        folder / "report.html",
+        summary,
+        noted,
+        report,
         failed=failed,
         failed_pictures=failed_pictures,
         storyboard=storyboard,
         timechart=timechart,
-        shown=_place(first),
         notes=report.notes(trials),
         strange=strange,
         command=command_of(first.about, *(requested(run) or _there(noted))),
     )
     drawn = [shown.path for shown in (*storyboard, *([timechart] if timechart else []), *failed_pictures)]
-    return summary, [*files, *drawn, write_page(folder / "report.html", page)]
+    return summary, [*files, *drawn, page]
 
 
 def kept_pictures(folder: str | Path) -> list[str]:
@@ -99,37 +102,31 @@ def _for_people(replay: Replay, report: TaskReport) -> Replay:
     return replace(replay, solids=tuple(painted(solid) for solid in replay.solids))
 
 
-def _pictures(
-    folder: Path, first: Trial, trials: Sequence[Trial], report: TaskReport
-) -> tuple[list[Picture], Picture | None]:
+def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> tuple[list[Captioned], Captioned | None]:
     """Draw the first trial and the task's pictures of all trials; return these pictures, and the time chart."""
-    about = first.about
+    first, about = trials[0], trials[0].about
     what = ", ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
-    place, found = _place(first), []
+    place, found = place_of(first), []
     path = folder / "storyboard.png"
     if can_photograph():
         draw_trial(first, path, f"{what}, {place} of seed {about['seed']} (simulated)", report)
     if path.is_file():  # drawn now, or kept
         moments = "; ".join(caption for caption, _ in report.moments(first))
-        found.append(Picture(path, f"Pictures of {place}: {moments}", f"{place.capitalize()} step by step"))
+        found.append(Captioned(path, f"Pictures of {place}: {moments}", f"{place.capitalize()} step by step"))
     if not first.spans:
         return found, None
     for path in report.pictures(folder, trials):
         said = next((text for name, text in report.captions.items() if path.stem.startswith(name)), path.stem)
-        found.append(Picture(path, f"Chart: {said}", said))
+        found.append(Captioned(path, f"Chart: {said}", said))
     chart = draw_timechart(first, folder / "timechart.png", title=f"Time chart, {what}")
     said = f"Where the time went in {place}: a row for each {first.goal_noun} and arm, a bar for each step"
-    return found, Picture(chart, f"Chart: {said}", said)
+    return found, Captioned(chart, f"Chart: {said}", said)
 
 
 def _there(trials: Sequence[Trial]) -> tuple[int, int]:
     """Return the numbers of sessions, and of trials in each, that these trials span."""
     places = [(trial.about["session"], trial.about["index"]) for trial in trials]
     return 1 + max(session for session, _ in places), 1 + max(index for _, index in places)
-
-
-def _place(trial: Trial) -> str:
-    return f"session {trial.about['session']}, trial {trial.about['index']}"
 
 
 def draw_trial(trial: Trial, path: str | Path, title: str = "", report: TaskReport | None = None) -> Path:

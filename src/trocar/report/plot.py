@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from trocar.calibration.evaluation import Evaluation
-from trocar.calibration.figure import wrist
+from trocar.calibration.evaluation import Evaluation, wrist
 from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
@@ -26,8 +25,7 @@ from trocar.report.timechart import chart
 from trocar.trajectory import Trajectory
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
-ORDERS = ("position", "velocity", "acceleration")
-PER = ("", "/s", "/s²")
+DERIVATIVES = (("position", ""), ("velocity", "/s"), ("acceleration", "/s²"), ("jerk", "/s³"))
 ARM_NAMES = ("yaw", "pitch", "insertion (mm)", "roll", "wrist pitch", "wrist yaw")
 ARM_SCALES = np.where(np.arange(6) == 2, 1e3, np.degrees(1.0))
 """Factors that convert an arm's joints to mm and deg."""
@@ -46,55 +44,53 @@ def course(figure: Figure, paths: Mapping[str, TimedPath | Trajectory], joints: 
         joints: their names; none: those of an arm, or numbers.
     """
     figure.set_size_inches(max(7.0, 5.2 * len(paths)), 6.6)
-    grid = figure.subplots(len(ORDERS), len(paths), sharex=True, squeeze=False)
-    for column, (name, path) in enumerate(paths.items()):
+    grid = figure.subplots(3, len(paths), sharex=True, squeeze=False)
+    for axes, (name, path) in zip(grid.T, paths.items(), strict=True):
         trajectory, passed = (path, []) if isinstance(path, Trajectory) else (path.trajectory, path.waypoint_times_s)
         count = trajectory.coefficients.shape[2]
         scales, unit = (ARM_SCALES, "deg") if count == 6 else (np.ones(count), "rad or m")
         names = joints or (ARM_NAMES if count == 6 else [f"joint {k + 1}" for k in range(count)])
         times_s = np.union1d(np.linspace(trajectory.times_s[0], trajectory.times_s[-1], SAMPLES), trajectory.times_s)
-        for order, axes in enumerate(grid[:, column]):
-            _lines(axes, times_s, scales * trajectory(times_s, order), names)
+        labels = [f"{kind}, {unit}{per}" for kind, per in DERIVATIVES[:3]]
+        _column(axes, times_s, [scales * trajectory(times_s, order) for order in range(3)], names, labels)
+        for chart_axes in axes:
             for time_s in passed:
-                axes.axvline(time_s, color=style.QUIET, linewidth=0.7, linestyle=":")
-            axes.set_ylabel(f"{ORDERS[order]}, {unit}{PER[order]}")
-        grid[0, column].set_title(
-            f"{name}, {trajectory.duration_s:.3f} s" if name else f"{trajectory.duration_s:.3f} s"
-        )
-        grid[0, column].legend(ncols=3, fontsize=7)
-        grid[-1, column].set_xlabel("s")
-
-
-def _lines(axes: Axes, times_s: NDArray[np.float64], values: NDArray[np.float64], names: Sequence[str]) -> None:
-    for k, name in enumerate(names):
-        axes.plot(times_s, values[:, k], linewidth=1.1, color=COLOURS[k % len(COLOURS)], label=name)
-
-
-KINDS = (("position", ""), ("velocity", "/s"), ("acceleration", "/s²"), ("jerk", "/s³"))
+                chart_axes.axvline(time_s, color=style.QUIET, linewidth=0.7, linestyle=":")
+        axes[0].set_title(f"{name}, {trajectory.duration_s:.3f} s" if name else f"{trajectory.duration_s:.3f} s")
+        axes[0].legend(ncols=3, fontsize=7)
 
 
 def draw_motion(parts: Mapping[str, tuple[Sequence[str], Derivatives]], path: str | Path) -> Path:
-    """Draw each part (joints, tip) as a column of four charts, and return the path.
-
-    Args:
-        parts: name to the signals' names and their motion.
-        path: of the picture.
-    """
+    """Draw each part (joints, tip: its signals' names and their motion) as a column of four charts; return the path."""
     path = Path(path)
     with style.figure(5.2 * len(parts), 7.6, path) as figure:
-        grid = figure.subplots(len(KINDS), len(parts), sharex=True, squeeze=False)
-        for column, (part, (names, found)) in enumerate(parts.items()):
-            times_s = found.step_s * np.arange(len(found.position))
-            unit = "m" if part == "tip" else "rad or m"
-            for axes, (kind, per) in zip(grid[:, column], KINDS, strict=True):
-                rows = getattr(found, kind)
-                for k, name in enumerate(names):
-                    axes.plot(times_s[: len(rows)], rows[:, k], linewidth=0.8, color=COLOURS[k % 6], label=name)
-                axes.set_ylabel(f"{kind}, {f'({unit}){per}' if per and part != 'tip' else unit + per}")
-            grid[0, column].set_title("Tool tip in the arm's base frame" if part == "tip" else "Joints")
-            grid[0, column].legend(ncols=6, fontsize=7)
-            grid[-1, column].set_xlabel("s")
+        grid = figure.subplots(len(DERIVATIVES), len(parts), sharex=True, squeeze=False)
+        for axes, (part, (names, found)) in zip(grid.T, parts.items(), strict=True):
+            tip = part == "tip"
+            times_s, rows = found.step_s * np.arange(len(found.position)), [getattr(found, k) for k, _ in DERIVATIVES]
+            units = [f"m{per}" if tip else f"(rad or m){per}" if per else "rad or m" for _, per in DERIVATIVES]
+            labels = [f"{kind}, {unit}" for (kind, _), unit in zip(DERIVATIVES, units, strict=True)]
+            _column(axes, times_s, rows, names, labels, linewidth=0.8)
+            axes[0].set_title("Tool tip in the arm's base frame" if tip else "Joints")
+            axes[0].legend(ncols=6, fontsize=7)
     return path
+
+
+def _column(
+    column: Sequence[Axes],
+    times_s: NDArray[np.floating],
+    rows: Sequence[NDArray[np.float64]],
+    names: Sequence[str],
+    labels: Sequence[str],
+    linewidth: float = 1.1,
+) -> None:
+    """Draw signals (n, joints) one below the other over time; those that end earlier have fewer rows."""
+    for axes, values, label in zip(column, rows, labels, strict=True):
+        for k, name in enumerate(names):
+            look = {"linewidth": linewidth, "color": COLOURS[k % len(COLOURS)]}
+            axes.plot(times_s[: len(values)], values[:, k], label=name, **look)
+        axes.set_ylabel(label)
+    column[-1].set_xlabel("s")
 
 
 PLOTS: Registry[Mapping[type, Callable[..., Picture]]] = Registry("plot", "trocar.plots")
@@ -109,21 +105,10 @@ def plot(thing: Any, **options: Any) -> Picture:
     >>> plot(plan_through(arm, waypoints, limits))
     >>> plot(map, plan=plan).savefig("plan.png")
 
-    | of a | is drawn | options |
-    |---|---|---|
-    | ``Trajectory``, ``TimedPath``, ``MotionPlan`` | position, velocity, acceleration over time | ``joints``: names |
-    | ``Recording`` | commanded and measured wrist over time, and its hysteresis | |
-    | ``Evaluation`` | the same, with what the cable model predicted | |
-    | ``Trial`` | the time chart of its arms | ``title`` |
-    | ``DexterityMap`` | dexterity round the circle | ``plan``: the ``SuturePlan`` to draw on it; ``title`` |
-    | ``SuturePlan`` | its sutures on the circle | ``map``: the ``DexterityMap`` that it was made from; ``title`` |
-
+    Drawn are ``Trajectory``, ``TimedPath``, ``MotionPlan`` (option ``joints``: names), ``Recording``, ``Evaluation``,
+    ``Trial`` (``title``), ``DexterityMap`` (``plan``, ``title``) and ``SuturePlan`` (``map``, ``title``).
     Your own package can add kinds with ``plot.register``, or as an entry point of the group ``trocar.plots``: a
     table of types and functions that draw them.
-
-    Args:
-        thing: to be drawn.
-        options: as in the table.
 
     Raises:
         TrocarError: it has no picture.

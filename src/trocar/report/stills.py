@@ -1,9 +1,11 @@
-"""Images of a trial: stills, the storyboard, a video."""
+"""Images of trials: the storyboard, a video, a still of each goal that was not reached."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import chain, groupby, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,14 +14,23 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from trocar.errors import InvalidInput
-from trocar.eval import TaskReport
+from trocar.eval import TaskReport, in_words
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.files.output import PICTURE, mark_of, writing
 from trocar.report import style
+from trocar.report.page import Captioned
+from trocar.report.tables import reason_of
 
 if TYPE_CHECKING:
     from trocar.sim.offscreen import OffscreenCamera
+
+MAX_PICTURES = 12  # of a storyboard; more are thinned out evenly, keeping the first and last
+LARGEST_PX = 400  # a picture of a storyboard is reduced to at most this width
+FRAMES_PER_S, SPEED = 12, 4.0  # of a video; seconds of the trial per second of it
+MAX_S = 15.0  # a longer video is cut: it is an illustration, not a record
+SCALE, QUALITY = 0.75, 60  # of a video's frames and of failed goals: of 640 pixels; and WebP's
+MOST_FAILED = 12  # failed goals with a picture; the page says how many more there are
 
 
 def can_photograph() -> bool:
@@ -28,46 +39,29 @@ def can_photograph() -> bool:
 
 
 def photographer_of(trial: Trial, report: TaskReport, scale: float = 1.0) -> OffscreenCamera:
-    """Return an object that draws pictures of a trial, from the viewpoint and with the frame that its task defines.
-
-    Args:
-        trial: the trial.
-        report: of its task.
-        scale: of the pictures' width of 640 pixels.
+    """Return what draws pictures of a trial, 640 pixels wide times ``scale``, from the viewpoint that its task defines.
 
     Raises:
         TrocarError: the simulator is not installed.
     """
     if not can_photograph():
-        raise InvalidInput("pictures", "of a trial need mujoco", f"{how_to_install('sim')}")
+        raise InvalidInput("pictures", "of a trial need mujoco", how_to_install("sim"))
     from trocar.sim.offscreen import OffscreenCamera  # an extra
 
     return OffscreenCamera(trial.replay(), report.view, report.colours, scale, report.frame(trial))
 
 
-MAX_PICTURES = 12  # more are thinned out evenly, keeping the first and last
-LARGEST_PX = 400  # a picture is reduced to at most this width
-
-
 def draw_storyboard(
     frames: Sequence[tuple[str, NDArray[np.uint8]]], path: str | Path, title: str = "Storyboard", columns: int = 4
 ) -> Path:
-    """Draw the captioned pictures in a grid, in order, and return the path.
-
-    Args:
-        frames: caption and (height, width, 3) uint8 RGB each.
-        path: of the picture.
-        title: above the grid.
-        columns: pictures in a row.
-    """
+    """Draw captioned pictures ((height, width, 3) uint8 RGB) in a grid, in order, and return the path."""
     path = Path(path)
     if not frames:
         raise InvalidInput("a storyboard", "needs at least one picture", "the trial kept none")
     for caption, image in frames:
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            raise InvalidInput(
-                f"picture '{caption}'", f"is {image.dtype} of shape {image.shape}", "it must be uint8 (h, w, 3)"
-            )
+            was = f"is {image.dtype} of shape {image.shape}"
+            raise InvalidInput(f"picture '{caption}'", was, "it must be uint8 (h, w, 3)")
     kept = [frames[i] for i in np.linspace(0, len(frames) - 1, min(MAX_PICTURES, len(frames))).round().astype(int)]
     columns = min(columns, len(kept))
     rows = -(-len(kept) // columns)
@@ -85,49 +79,85 @@ def draw_storyboard(
     return path
 
 
-FRAMES_PER_S = 12
-SPEED = 4.0
-"""Seconds of the trial per second of the animation."""
-MAX_S = 15.0
-"""A longer animation is cut: it is an illustration, not a record."""
-SCALE = 0.75
-"""Scale of the animation, relative to a width of 640 pixels."""
-QUALITY = 60
-
-
-def draw_video(
-    trial: Trial,
-    path: str | Path,
-    report: TaskReport | None = None,
-    tick: Callable[[int, int], None] = lambda k, n: None,
-) -> Path:
+def draw_video(trial: Trial, path: str | Path, report: TaskReport, tick: Callable[[int, int], None]) -> Path:
     """Write an animated WebP of a trial at four times its speed, and return its path.
 
-    Args:
-        trial: the trial.
-        path: of the file, ending in ``.webp``.
-        report: of its task: viewpoint and colours.
-        tick: called with the number of each frame and how many there are.
+    ``tick`` is called with the number of each frame and how many there are.
 
     Raises:
         TrocarError: the simulator, which draws the pictures, is not installed.
     """
     path = Path(path)
-    photographer = photographer_of(trial, report or TaskReport(), SCALE)
+    photographer = photographer_of(trial, report, SCALE)
     times = np.arange(0.0, min(trial.duration_s, MAX_S * SPEED), SPEED / FRAMES_PER_S)
     frames = []
-    for number, time_s in enumerate(times.tolist()):
+    for number, time_s in enumerate(times.tolist(), start=1):
         frames.append(Image.fromarray(photographer.picture(time_s)))
-        tick(number + 1, len(times))
+        tick(number, len(times))
+    how = {"duration": round(1e3 / FRAMES_PER_S), "loop": 0, "quality": QUALITY, "method": 4}
     with writing(path, PICTURE) as draft:
-        frames[0].save(
-            draft,
-            xmp=mark_of(PICTURE).encode(),
-            save_all=True,
-            append_images=frames[1:],
-            duration=round(1e3 / FRAMES_PER_S),
-            loop=0,
-            quality=QUALITY,
-            method=4,
-        )
+        frames[0].save(draft, xmp=mark_of(PICTURE).encode(), save_all=True, append_images=frames[1:], **how)
     return path
+
+
+@dataclass(frozen=True)
+class Failed:
+    """One goal that was not reached; ``place``: index of its trial among the run's; ``what``: the goal in words."""
+
+    place: int
+    session: int
+    trial: int
+    number: int
+    failure: str
+    what: str
+    reason: str
+
+    @property
+    def stem(self) -> str:
+        """Return the name of its picture's file."""
+        return f"session_{self.session:02d}_trial_{self.trial:03d}_goal_{self.number + 1:02d}"
+
+
+def failed_goals(trials: Sequence[Trial], report: TaskReport) -> list[Failed]:
+    """Return all goals that were attempted and not reached, in order."""
+    found = []
+    for place, trial in enumerate(trials):
+        session, index = trial.about["session"], trial.about["index"]
+        for number, score in enumerate(trial.scores):
+            if score["attempted"] and not score["succeeded"]:
+                which = report.goal(score)
+                what = f"{trial.goal_noun} {number + 1}" + (f" ({which})" if which else "")
+                failure = str(score["failure"])
+                found.append(Failed(place, session, index, number, failure, what, reason_of(score, report)))
+    return found
+
+
+def picked(failed: Sequence[Failed], most: int) -> list[Failed]:
+    """Return those that get a picture, in order: the first of each kind of failure, then the second, and so on."""
+    by_name = groupby(sorted(failed, key=lambda one: one.failure), key=lambda one: one.failure)
+    in_turn = chain.from_iterable(zip_longest(*(list(group) for _, group in by_name)))
+    chosen = [one for one in in_turn if one is not None][:most]
+    return sorted(chosen, key=lambda one: (one.place, one.number))
+
+
+def draw_failed(
+    folder: str | Path, trials: Sequence[Trial], failed: Sequence[Failed], report: TaskReport, draw: bool = True
+) -> list[Captioned]:
+    """Draw a picture of each failed goal at the moment that shows its failure, and return them.
+
+    Each trial is read once. With ``draw`` off (the simulator is not installed), return those that were drawn before.
+    """
+    found = []
+    for place, of_trial in groupby(failed, key=lambda one: one.place):
+        trial = trials[place]
+        photographer = photographer_of(trial, report, SCALE) if draw else None
+        for one in of_trial:
+            time_s, path = report.failed_s(trial, trial.scores[one.number]), Path(folder) / f"{one.stem}.png"
+            if photographer is not None:
+                style.write_png(path, photographer.picture(time_s))
+            elif not path.is_file():
+                continue
+            where = f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
+            why = f". {one.reason[:1].upper()}{one.reason[1:]}" if one.reason else ""
+            found.append(Captioned(path, f"The cell at {time_s:.1f} s: {where}", f"{where}, at {time_s:.1f} s{why}"))
+    return found

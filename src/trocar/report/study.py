@@ -9,7 +9,8 @@ from typing import Any
 
 from trocar.eval.study import Results, TableData, TaskStudy
 from trocar.files.output import write_json, write_text
-from trocar.report.page.elements import bullets, captioned, document, section, table
+from trocar.report.page import Captioned, bullets, document, picture, section, table
+from trocar.report.tables import table_of
 
 
 def summary_of(name: str, study: TaskStudy[Any], results: Sequence[Results[Any]]) -> dict[str, Any]:
@@ -46,31 +47,25 @@ def write_study(
 ) -> tuple[dict[str, Any], list[TableData], list[str], list[Path]]:
     """Write summary, pictures and page of a study; return the summary, its tables, its notes, and the files.
 
-    Args:
-        folder: of the study.
-        name: of its task.
-        study: of the task.
-        results: of its conditions.
-        missing: a sentence for each trial that is missing.
+    ``name`` is the task's; ``missing`` has a sentence for each trial that is missing.
     """
     folder = Path(folder)
     summary = summary_of(name, study, results)
     difficulty = f"difficulty of the cell: {', '.join(summary['difficulty'])}"
     notes = [*study.remarks(summary), *study.notes, difficulty, *missing]
     path = write_json(folder / "summary.json", summary, "summary of a study")
-    pictures = study.pictures(folder, results, summary)
-    tables = study.tables(summary)
-    parts = [f"<h2>{escape(one.title)}</h2>{table(one.head, one.rows, caption=one.caption)}" for one in tables]
+    pictures, tables = study.pictures(folder, results, summary), study.tables(summary)
+    parts = [
+        f"<h2>{escape(one.title)}</h2>{table(table_of(one.head, one.rows, caption=one.caption))}" for one in tables
+    ]
     links = "".join(
         f'<li><a href="{escape(one)}">{escape(one)}</a>: a folder for <code>trocar report</code> and '
         "<code>trocar view</code></li>"
         for one in (cell["folder"] for cell in summary["cells"])
     )
-    parts += [
-        *captioned(pictures, study.captions),
-        section("notes", "Noted", bullets(notes)),
-        section("runs", "Runs", f"<ul>{links}</ul>"),
-    ]
+    captions = [study.captions[drawn.name] for drawn in pictures]
+    parts += [picture(Captioned(one, f"Chart: {said}", said)) for one, said in zip(pictures, captions, strict=True)]
+    parts += [section("notes", "Noted", bullets(notes)), section("runs", "Runs", f"<ul>{links}</ul>")]
     about = [study.about(summary), "Research use only, not a medical device."]
     page = write_text(folder / "report.html", document(f"Study: {name.replace('-', ' ')}", about, parts), "report")
     return summary, tables, notes, [path, *pictures, page]

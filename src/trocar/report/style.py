@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
-from trocar.files.output import make_folder, write_figure
-from trocar.report.picture import write_png
+from trocar.files.output import PICTURE, make_folder, mark_of, write_figure, writing
 
 # Okabe and Ito 2008: distinguishable with every common colour blindness
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
@@ -74,3 +76,14 @@ def figure(width_in: float, height_in: float, path: str | Path) -> Iterator[Figu
     if path.stat().st_size > LARGEST_BYTES:
         with Image.open(path) as full:
             write_png(path, full.copy())
+
+
+def write_png(path: str | Path, image: Image.Image | NDArray[np.uint8]) -> Path:
+    """Write a camera's picture as a PNG of 256 colours, a third of the size of a full one, and return its path."""
+    image = image if isinstance(image, Image.Image) else Image.fromarray(image)
+    path, mark = Path(path), PngInfo()
+    mark.add_text("Software", mark_of(PICTURE))
+    make_folder(path.parent)
+    with writing(path, PICTURE) as draft:
+        image.convert("RGB").quantize(256).save(draft, optimize=True, pnginfo=mark)
+    return path

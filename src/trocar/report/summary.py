@@ -42,11 +42,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
     """Return the content of ``summary.json`` (keys: docs, "Files of a run"); times of an empty run are None.
 
     ``mean_time_s`` is the completion time over the number of goals, as in the paper's tables; ``parts_s`` adds up to
-    it, averaged over the arms that worked.
-
-    Args:
-        trials: of one run.
-        report: what the task adds; None: nothing.
+    it, averaged over the arms that worked. ``report`` is what the task adds.
     """
     if not trials:
         raise InvalidInput("there", "are no finished trials to summarise", "run some with `trocar run`")
@@ -60,49 +56,49 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
     total_s = sum(trial.duration_s for trial in trials)
     wall_s = sum(trial.wall_s for trial in trials)
     compute, missed = _compute(trials)
+    use = np.max([share for trial in trials for share in trial.command_limit_use.values()], axis=0).tolist()
+    speeds = [trial.machine_speed for trial in trials if trial.computations]
     durations = Spread.of([trial.duration_s for trial in trials])
-    values = {
-        **{key: about[key] for key in ("task", "variant", "station", "method", "model", "planner", "seed")},
-        "goal_noun": about["goal_noun"],
-        "sessions": len({trial.about["session"] for trial in trials}),
-        "trials": len(trials),
-        "attempted": count,
-        "succeeded": done,
-        "success_rate": done / count if count else None,
-        "success_ci95": list(session_interval(*_by_session(trials))),
-        "complete_trials": sum(_complete(trial) for trial in trials),
-        "mean_time_s": total_s / count if count else None,
-        "completion_time_s": {"mean": durations.mean, "sd": durations.sd if len(trials) > 1 else None},
-        "parts_s": _parts(trials, count, report.parts),
-        "collisions_per_trial": sum(len(trial.collisions) for trial in trials) / len(trials),
-        "failures": dict(Counter(str(score["failure"]) for score in attempted if score["failure"])),
-        "command_limit_use": _limit_use(trials),
-        "compute_ms": compute,
-        "missed_budgets": missed,
-        "realtime_factor": total_s / wall_s if wall_s else None,
-        "flaws": about["flaws"],
-        "versions": about["versions"],
-        "fingerprint": about["fingerprint"],
-        **added,
-    }
-    return Summary(values)
+    return Summary(
+        {
+            **{key: about[key] for key in ("task", "variant", "station", "method", "model", "planner", "seed")},
+            "goal_noun": about["goal_noun"],
+            "sessions": len({trial.about["session"] for trial in trials}),
+            "trials": len(trials),
+            "attempted": count,
+            "succeeded": done,
+            "success_rate": done / count if count else None,
+            "success_ci95": list(session_interval(*_by_session(trials))),
+            "complete_trials": sum(  # what the paper calls a successful trial
+                bool(trial.scores) and all(score["succeeded"] for score in trial.scores) for trial in trials
+            ),
+            "mean_time_s": total_s / count if count else None,
+            "completion_time_s": {"mean": durations.mean, "sd": durations.sd if len(trials) > 1 else None},
+            "parts_s": _parts(trials, count, report.parts),
+            "collisions_per_trial": sum(len(trial.collisions) for trial in trials) / len(trials),
+            "failures": dict(Counter(str(score["failure"]) for score in attempted if score["failure"])),
+            "command_limit_use": {"velocity": use[0], "acceleration": use[1]},
+            "compute_ms": compute,
+            "missed_budgets": missed,
+            "machine_speed": float(np.mean(speeds)) if speeds else None,
+            "realtime_factor": total_s / wall_s if wall_s else None,
+            "flaws": about["flaws"],
+            "versions": about["versions"],
+            "fingerprint": about["fingerprint"],
+            **added,
+        }
+    )
 
 
 def _by_session(trials: Sequence[Trial]) -> tuple[list[int], list[int]]:
     """Return how many goals succeeded and how many were attempted in each session."""
-    succeeded: Counter[int] = Counter()
-    attempted: Counter[int] = Counter()
+    counts: dict[int, list[int]] = {}
     for trial in trials:
         for score in trial.scores:
-            succeeded[trial.about["session"]] += bool(score["attempted"] and score["succeeded"])
-            attempted[trial.about["session"]] += bool(score["attempted"])
-    sessions = sorted(attempted)
-    return [succeeded[s] for s in sessions], [attempted[s] for s in sessions]
-
-
-def _complete(trial: Trial) -> bool:
-    """Return whether everything succeeded, which the paper calls a successful trial."""
-    return bool(trial.scores) and all(score["succeeded"] for score in trial.scores)
+            of_session = counts.setdefault(trial.about["session"], [0, 0])
+            of_session[0] += bool(score["attempted"] and score["succeeded"])
+            of_session[1] += bool(score["attempted"])
+    return [counts[s][0] for s in sorted(counts)], [counts[s][1] for s in sorted(counts)]
 
 
 def _parts(trials: Sequence[Trial], count: int, order: Sequence[str]) -> dict[str, float]:
@@ -119,21 +115,18 @@ def _parts(trials: Sequence[Trial], count: int, order: Sequence[str]) -> dict[st
     return {name: value / count for name, value in seconds.items()} | {OTHER: other / count}
 
 
-def _limit_use(trials: Sequence[Trial]) -> dict[str, float]:
-    """Return the largest share of the velocity and acceleration limits in all commands."""
-    shares = np.array([use for trial in trials for use in trial.command_limit_use.values()])
-    velocity, acceleration = shares.max(axis=0).tolist()
-    return {"velocity": velocity, "acceleration": acceleration}
-
-
 def _compute(trials: Sequence[Trial]) -> tuple[dict[str, Mapping[str, float]], float]:
-    """Return p50 and p95 of each computation in ms, and the share that took longer than its budget."""
+    """Return p50 and p95 of each computation in ms, and the share that took longer than its budget.
+
+    Both as on the machine for which the budgets were declared.
+    """
     times: dict[str, list[float]] = {}
     missed = total = 0
     for trial in trials:
         for computation in trial.computations:
-            times.setdefault(computation.name, []).append(1e3 * computation.seconds)
-            missed += computation.seconds > computation.budget_s
+            seconds = computation.seconds * trial.machine_speed
+            times.setdefault(computation.name, []).append(1e3 * seconds)
+            missed += seconds > computation.budget_s
             total += 1
     spread = {name: np.percentile(values, [50, 95]) for name, values in times.items()}
     return {name: {"p50": float(p[0]), "p95": float(p[1])} for name, p in spread.items()}, missed / max(total, 1)

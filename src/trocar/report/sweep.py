@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from matplotlib.axes import Axes
+
 from trocar.errors import BadFile, InvalidInput, UnknownName
 from trocar.eval import TASKS, Task, methods_of
 from trocar.eval.comparison import ratio_estimate, session_estimate
@@ -45,7 +47,7 @@ class Point:
         method: name of the method.
         flaw: its name; empty in a sweep of methods alone.
         scale: its size, as a multiple of the recorded one.
-        conditions: its runs, one for each seed; identical ones are shared by several points.
+        conditions: its runs; identical ones are shared by several points.
     """
 
     method: str
@@ -97,9 +99,8 @@ class Sweep:
         try:
             values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise BadFile(
-                path, f"is no readable TOML file ({error})", "see examples/sweep.toml", kind="sweep"
-            ) from None
+            problem = f"is no readable TOML file ({error})"
+            raise BadFile(path, problem, "see examples/sweep.toml", kind="sweep") from None
         for key in values:
             if key not in (*OWN_KEYS, *RUN_KEYS):
                 raise UnknownName(f"key of {str(path)!r}", key, (*OWN_KEYS, *RUN_KEYS))
@@ -173,17 +174,7 @@ def conditions_of(points: Sequence[Point]) -> list[Condition]:
 
 @dataclass(frozen=True)
 class Row:
-    """One trial of any task.
-
-    Attributes:
-        fingerprint: of its run.
-        session: its number.
-        index: of the trial in its session.
-        goals: how many there were.
-        succeeded: how many of them were reached.
-        collisions: how many there were.
-        duration_s: on the trial's clock.
-    """
+    """One trial of any task: its run and place, its goals and how many were reached, collisions, length."""
 
     fingerprint: str
     session: int
@@ -194,8 +185,7 @@ class Row:
     duration_s: float
 
 
-def row_of(trial: Trial) -> Row:
-    """Return a trial's row."""
+def _row_of(trial: Trial) -> Row:
     return Row(
         fingerprint=str(trial.about["fingerprint"]),
         session=int(trial.about["session"]),
@@ -207,7 +197,7 @@ def row_of(trial: Trial) -> Row:
     )
 
 
-KIND = RowKind(Row, row_of)
+KIND = RowKind(Row, _row_of)
 
 
 def figures_of(point: Point, rows_of: Mapping[Any, Sequence[Row]]) -> dict[str, Any] | None:
@@ -274,27 +264,24 @@ def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Pat
     flaws, methods = (list(dict.fromkeys(row[key] for row in summaries)) for key in ("flaw", "method"))
     with style.figure(1.0 + WIDTH_IN * len(flaws), HEIGHT_IN, path) as figure:
         grid = figure.subplots(2, len(flaws), squeeze=False, sharex="col", sharey="row")
-        for column, flaw in enumerate(flaws):
-            top, bottom = grid[:, column]
+        for (top, bottom), flaw in zip(grid.T, flaws, strict=True):
+            of_flaw = [row for row in summaries if row["flaw"] == flaw]
             for method, colour in zip(methods, COLOURS * len(methods), strict=False):
-                rows = [row for row in summaries if row["flaw"] == flaw and row["method"] == method]
+                rows = [row for row in of_flaw if row["method"] == method]
                 x = [row["size"] for row in rows] if flaw else [float(methods.index(method))]
-                rates = [100 * row["success"] for row in rows]
-                low, high = ([100 * row["success_ci95"][end] for row in rows] for end in (0, 1))
-                top.plot(x, rates, "o-", color=colour, markersize=3.5, label=method if column == 0 else None)
-                top.vlines(x, low, high, color=colour, alpha=0.4, linewidth=1.2)
+                ends = [[100 * end for end in row["success_ci95"]] for row in rows]
+                _curve(top, x, [100 * row["success"] for row in rows], ends, colour)
                 hits = [row["collisions_per_trial"] for row in rows]
-                bottom.plot(x, [hit["mean"] for hit in hits], "o-", color=colour, markersize=3.5)
-                if all(hit["low"] is not None for hit in hits):
-                    ends = ([max(hit["low"], 0.0) for hit in hits], [hit["high"] for hit in hits])
-                    bottom.vlines(x, *ends, color=colour, alpha=0.4, linewidth=1.2)
-            unit = next(row["unit"] for row in summaries if row["flaw"] == flaw)
-            varied = [row for row in summaries if row["flaw"] == flaw and row["scale"] > 0 and flaw]
+                known = all(hit["low"] is not None for hit in hits)
+                ends = [[max(hit["low"], 0.0), hit["high"]] for hit in hits] if known else []
+                _curve(bottom, x, [hit["mean"] for hit in hits], ends, colour)
+            varied = next((row for row in of_flaw if row["scale"] > 0 and flaw), None)
             for axes in (top, bottom):
-                if varied:
-                    recorded = varied[0]["size"] / varied[0]["scale"]
+                if varied is not None:
+                    recorded = varied["size"] / varied["scale"]
                     axes.axvline(recorded, color=style.QUIET, linewidth=0.8, linestyle=":")
             top.set_title(flaw)
+            unit = of_flaw[0]["unit"]
             bottom.set_xlabel("times what was recorded" if unit == "x" else unit)
         if flaws == [""]:
             grid[1, 0].set_xticks(range(len(methods)), methods, rotation=30)
@@ -302,7 +289,17 @@ def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Pat
         grid[1, 0].set_ylim(bottom=0.0)
         grid[0, 0].set_ylabel("goals reached, %")
         grid[1, 0].set_ylabel("collisions per trial")
+        lines = dict(zip(methods, grid[0, 0].lines, strict=False))
+        title = "bars: 95 % interval over sessions"
         figure.legend(
-            loc="outside lower center", ncols=len(methods), title="bars: 95 % interval over sessions", title_fontsize=8
+            lines.values(), lines, loc="outside lower center", ncols=len(methods), title=title, title_fontsize=8
         )
     return path
+
+
+def _curve(axes: Axes, x: list[float], values: list[float], ends: list[list[float]], colour: str) -> None:
+    """Draw values with their intervals, if these are known."""
+    axes.plot(x, values, "o-", color=colour, markersize=3.5)
+    if ends:
+        low, high = zip(*ends, strict=True)
+        axes.vlines(x, low, high, color=colour, alpha=0.4, linewidth=1.2)

@@ -1,24 +1,40 @@
-"""Tables of a run for the terminal and for its page, and the active flaws."""
+"""Tables of a run, its goals and trials, for the terminal and for its page, and the active flaws."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from trocar.counting import counted
-from trocar.eval import PaperCount, PaperRow
+from trocar.eval import PaperCount, PaperRow, TaskReport, in_words
 from trocar.eval.config import FITTED_ON
 from trocar.eval.statistics import wilson_interval
+from trocar.eval.trial import Trial
+
+
+def table_of(
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str = "",
+    caption: str = "",
+    right: Collection[str] = (),
+) -> Table:
+    """Return a table for the terminal and for a page (``page.table``); ``right`` names the columns of numbers."""
+    table = Table(title=title, caption=caption)
+    for name in head:
+        table.add_column(name, justify="right" if name in right else "left")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def brief_flaws(flaws: Mapping[str, str]) -> str:
-    """Return the difficulty of a run's laboratory and only what differs from it.
-
-    Args:
-        flaws: as in ``summary.json``, with the difficulty's level and the flaws that were given sizes.
-    """
+    """Return the difficulty of a run's laboratory and only what differs from it; ``flaws`` as in ``summary.json``."""
     level, *named = flaws["difficulty"].split(", ")
     said = [f"difficulty {level}" + (f" except for {', '.join(named)}" if named else "")]
     said += [f"{what} {how}" for what, how in flaws.items() if how == "switched off"]
@@ -36,56 +52,47 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs
         theirs: our run counted as in the paper, if that differs.
     """
     how_many = f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')}"
-    title = ", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text)
-    apart = "; the paper's count attempts" if paper else ""
-    table = Table(title=title, caption=f"intervals of our rows count sessions{apart}")
-    table.add_column("who")
-    for column in (summary["goal_noun"] + "s", "success", "95 % interval", "mean time s"):
-        table.add_column(column, justify="right")
-    model = f" ({summary['model']})" if summary.get("model") else ""
-    table.add_row(
-        f"trocar, {summary['method']}{model}",
-        *_successes(summary["succeeded"], summary["attempted"], tuple(summary["success_ci95"])),
-        figure(summary["mean_time_s"]),
-        style="bold",
+    numbers = (summary["goal_noun"] + "s", "success", "95 % interval", "mean time s")
+    table = table_of(
+        ("who", *numbers),
+        (),
+        title=", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text),
+        caption="intervals of our rows count sessions" + ("; the paper's count attempts" if paper else ""),
+        right=numbers,
     )
+    ours = _successes(summary["succeeded"], summary["attempted"], tuple(summary["success_ci95"]))
+    table.add_row(f"trocar, {_method(summary)}", *ours, figure(summary["mean_time_s"]), style="bold")
     if theirs is not None:
         table.add_row(f"the same, {theirs.how}", *_successes(theirs.succeeded, theirs.attempted, theirs.ci95), "")
     if paper:
         table.add_section()
     for row in sorted(paper, key=lambda row: summary["method"] not in row.methods):
-        own = summary["method"] in row.methods
-        table.add_row(
-            f"paper: {row.who}",
-            *_successes(row.succeeded, row.attempted, wilson_interval(row.succeeded, row.attempted)),
-            figure(row.mean_time_s),
-            style="" if own else "dim",
-        )
+        published = _successes(row.succeeded, row.attempted, wilson_interval(row.succeeded, row.attempted))
+        look = "" if summary["method"] in row.methods else "dim"
+        table.add_row(f"paper: {row.who}", *published, figure(row.mean_time_s), style=look)
     return table
 
 
 def headline(summary: Mapping[str, Any]) -> str:
     """Return a run in one sentence: how much of it succeeded, and how certain that is."""
     low, high = summary["success_ci95"]
-    how = f"{summary['method']} ({summary['model']})" if summary.get("model") else summary["method"]
     return (
-        f"{summary['task']}, {how}: {summary['succeeded']} of {counted(summary['attempted'], summary['goal_noun'])}, "
-        f"95 % interval {percent(low)} to {percent(high)}, in {counted(summary['trials'], 'trial')} of "
-        f"{counted(summary['sessions'], 'session')}"
+        f"{summary['task']}, {_method(summary)}: {summary['succeeded']} of "
+        f"{counted(summary['attempted'], summary['goal_noun'])}, 95 % interval {percent(low)} to {percent(high)}, in "
+        f"{counted(summary['trials'], 'trial')} of {counted(summary['sessions'], 'session')}"
     )
 
 
 def parts_table(summary: Mapping[str, Any]) -> Table:
     """Return the time per goal, part by part."""
-    table = Table(title=f"Mean {summary['goal_noun']}, part by part")
-    table.add_column("part")
-    table.add_column("s", justify="right")
-    table.add_column("share", justify="right")
     parts = summary["parts_s"]
     total = sum(parts.values()) or 1.0
-    for name, seconds in sorted(parts.items(), key=lambda item: -item[1]):
-        table.add_row(name, f"{seconds:z.2f}", percent(seconds / total))
-    return table
+    rows = [
+        (name, f"{seconds:z.2f}", percent(seconds / total))
+        for name, seconds in sorted(parts.items(), key=lambda item: -item[1])
+    ]
+    title = f"Mean {summary['goal_noun']}, part by part"
+    return table_of(("part", "s", "share"), rows, title=title, right=("s", "share"))
 
 
 def figure(value: float | None) -> str:
@@ -98,7 +105,102 @@ def percent(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:z.1f} %"
 
 
+def _method(summary: Mapping[str, Any]) -> str:
+    return f"{summary['method']} ({summary['model']})" if summary.get("model") else summary["method"]
+
+
 def _successes(succeeded: int, attempted: int, interval: tuple[float, float]) -> tuple[str, str, str]:
     """Return count, rate and interval as text."""
     rate = succeeded / attempted if attempted else None
     return f"{succeeded} of {attempted}", percent(rate), f"{percent(interval[0])} to {percent(interval[1])}"
+
+
+def goals_table(trials: Sequence[Trial], report: TaskReport) -> Table:
+    """Return a row for each goal: for one trial how it ended and why, for several how often it was reached."""
+    noun, alone = trials[0].goal_noun, len(trials) == 1
+    scores = [trial.scores for trial in trials]
+    goals = [[of_trial[k] for of_trial in scores if k < len(of_trial)] for k in range(max(map(len, scores)))]
+    kinds = [list(dict.fromkeys(report.goal(score) for score in of_goal)) for of_goal in goals]
+    which = [kind[0] if len(kind) == 1 else "" for kind in kinds]  # nothing where trials differ
+    measured = list(dict.fromkeys(name for of_goal in goals for score in of_goal for name in report.measured(score)))
+    rows = []
+    for number, (of_goal, what) in enumerate(zip(goals, which, strict=True), start=1):
+        first = of_goal[0]
+        result = "done" if first["succeeded"] else in_words(str(first["failure"])) or "not done"
+        rows.append(
+            (
+                str(number),
+                *([what] if any(which) else []),
+                result if alone else _how_many(of_goal),
+                figure(_mean([score["end_s"] - score["start_s"] for score in of_goal])),
+                *(_shown([report.measured(score).get(name) for score in of_goal]) for name in measured),
+                reason_of(first, report) if alone else named_failures(of_goal),
+            )
+        )
+    head = (noun, *(["which"] if any(which) else []), "result" if alone else "done", "time s", *measured)
+    return table_of(
+        (*head, "why" if alone else "failures"),
+        rows,
+        title=f"Each {noun}" if alone else f"Each {noun}, of {len(trials)} trials",
+        caption="" if alone else "times and what was measured: means over the trials",
+        right=("time s", *measured),
+    )
+
+
+def trials_table(trials: Sequence[Trial]) -> Table:
+    """Return a row for each trial."""
+    rows = []
+    for trial in trials:
+        attempted = [score for score in trial.scores if score["attempted"]]
+        stopped = "" if trial.finished else f"stopped: {in_words(trial.ended)}"
+        place = f"{trial.about['session']}, {trial.about['index']}"
+        said = "; ".join(filter(None, (named_failures(attempted), stopped)))
+        rows.append((place, _how_many(attempted), f"{trial.duration_s:.1f}", str(len(trial.collisions)), said))
+    return table_of(
+        ("session, trial", f"{trials[0].goal_noun}s done", "time s", "collisions", "failures"),
+        rows,
+        title="Each trial",
+        caption="pictures of any of them: trocar report DIR --session S --trial K",
+        right=("time s", "collisions"),
+    )
+
+
+def failures_table(failures: Mapping[str, int], attempted: int, goal_noun: str, report: TaskReport) -> Table:
+    """Return how often each failure occurred among the goals attempted, most frequent first, and what it means."""
+    of_all = f"of {attempted} {goal_noun}s"
+    rows = [
+        (in_words(name), str(count), sentence_of(name, report))
+        for name, count in sorted(failures.items(), key=lambda item: (-item[1], item[0]))
+    ]
+    return table_of(("failure", of_all, "what it means"), rows, right=(of_all,))
+
+
+def reason_of(score: Mapping[str, Any], report: TaskReport) -> str:
+    """Return why a goal was not reached, in a sentence if there is one; empty after a success."""
+    return str(score["reason"]) or sentence_of(str(score["failure"]), report)
+
+
+def sentence_of(name: str, report: TaskReport) -> str:
+    """Return the sentence of an outcome of a task; empty if it has no outcome of this name."""
+    outcomes = report.outcomes
+    return str(outcomes[name].value) if outcomes is not None and name in outcomes.__members__ else ""
+
+
+def named_failures(scores: Sequence[Mapping[str, Any]]) -> str:
+    """Return how often each failure occurred among scores."""
+    counts = Counter(in_words(str(score["failure"])) for score in scores if score["failure"])
+    return ", ".join(f"{name} {count}" for name, count in counts.most_common())
+
+
+def _how_many(scores: Sequence[Mapping[str, Any]]) -> str:
+    return f"{sum(bool(score['succeeded']) for score in scores)} of {len(scores)}"
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _shown(values: Sequence[float | None]) -> str:
+    """Return the mean of values as text; a single count as it is."""
+    return str(values[0]) if len(values) == 1 and isinstance(values[0], int) else figure(_mean(values))

@@ -16,20 +16,15 @@ from trocar.eval.trial import Trial
 from trocar.log import Span
 from trocar.report import style
 
-OTHER = "other"
-"""Name of the time in which a script noted nothing."""
+OTHER = "other"  # name of the time in which a script noted nothing
+NEARLY_S = 1e-9
 
 
 def parts_of(spans: Sequence[Span], arm: str, duration_s: float) -> dict[str, float]:
-    """Return the time in s that one arm spent on each part; they add up to the duration.
+    """Return the time in s that one arm spent on each part; they add up to the duration of the trial.
 
     Where spans of the arm overlap, such as when jaws open during a motion, the moment counts for the one that began
     first (of those that began together, the longest).
-
-    Args:
-        spans: of all arms.
-        arm: the arm.
-        duration_s: of the trial.
     """
     mine = sorted(
         (max(0.0, s.start_s), -min(s.end_s, duration_s), s.name) for s in spans if s.arm == arm and s.end_s > s.start_s
@@ -45,19 +40,9 @@ def parts_of(spans: Sequence[Span], arm: str, duration_s: float) -> dict[str, fl
     return parts
 
 
-NEARLY_S = 1e-9
-
-
 @dataclass(frozen=True)
 class Turn:
-    """A stretch of a trial in which one arm worked on one goal.
-
-    Attributes:
-        goal: its number, from 0 on.
-        arm: the arm; None: any arm.
-        start_s: on the trial's clock.
-        end_s: likewise.
-    """
+    """A stretch of a trial in which one arm (None: any) worked on one goal, numbered from 0 on."""
 
     goal: int
     arm: str | None
@@ -93,12 +78,6 @@ def turn_at(turns: list[Turn], arm: str, time_s: float) -> Turn | None:
     return next((turn for turn in turns if turn.arm in (None, arm) and turn.holds(time_s)), None)
 
 
-def working_s(turns: list[Turn], span: Span) -> tuple[float, float]:
-    """Return when the first turn of a span's arm begins and the last one ends; after everything if it has none."""
-    mine = [turn for turn in turns if turn.arm in (None, span.arm)]
-    return min((t.start_s for t in mine), default=inf), max((t.end_s for t in mine), default=inf)
-
-
 COLOURS = {
     "capture": style.SKY,
     "perception": style.PURPLE,
@@ -111,23 +90,14 @@ COLOURS = {
 START, BETWEEN, END = -1, sys.maxsize - 1, sys.maxsize
 """Pseudo goals for what an arm does before its first goal, between two of its own, and after its last."""
 NO_GOAL = {START: "start", BETWEEN: "between", END: "end"}
-SIZE_IN, ROW_IN = (9.0, 1.3), 0.24
-"""Width, height without rows, and height of a row."""
-LONG = 20
-"""Six labels of this many letters fit beside each other."""
-OVERLAP = 0.25
-"""An overlap of less than this share of a part's time is not mentioned."""
+SIZE_IN, ROW_IN = (9.0, 1.3), 0.24  # width and height without rows; height of a row
+LONG = 20  # six labels of this many letters fit beside each other
+OVERLAP = 0.25  # an overlap of less than this share of a part's time is not mentioned
 SPARE = ("#999933", "#882255", "#44AA99", "#332288", "#AA4499", "#661100")
 
 
 def draw_timechart(trial: Trial, path: str | Path, title: str = "Time chart") -> Path:
-    """Draw :func:`chart` of a trial and return the path.
-
-    Args:
-        trial: whose spans and scores.
-        path: of the picture.
-        title: above the chart.
-    """
+    """Draw :func:`chart` of a trial and return the path."""
     with style.figure(*SIZE_IN, path) as figure:
         chart(figure, trial, title)
     return Path(path)
@@ -139,11 +109,6 @@ def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
     Spans without a goal are "start" before an arm's first goal, "end" after its last one, and "between" otherwise,
     where pauses are left out. The legend counts every moment of an arm once, as tables do (``parts_of``); bars may
     overlap.
-
-    Args:
-        figure: empty.
-        trial: with spans and scores.
-        title: above the chart.
     """
     spans, turns, piece = sorted(trial.spans, key=lambda span: span.start_s), turns_of(trial), trial.goal_noun
     if not spans:
@@ -164,15 +129,7 @@ def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
         for span in spans_of[key]:
             lasted = span.end_s - span.start_s
             left = end if key[0] == BETWEEN else span.start_s - spans_of[key][0].start_s
-            axes.barh(
-                row,
-                lasted,
-                left=left,
-                height=0.72,
-                color=colours[span.name],
-                edgecolor="white",
-                linewidth=0.4,
-            )
+            axes.barh(row, lasted, left=left, height=0.72, color=colours[span.name], edgecolor="white", linewidth=0.4)
             end = max(end, left + lasted)
         axes.text(end, row, f"  {end:.1f} s", va="center", fontsize=8, color=style.QUIET)
     labels = [NO_GOAL.get(goal, f"{piece} {goal + 1}") + (f", {arm}" if several else "") for goal, arm in rows]
@@ -208,5 +165,7 @@ def _goal_of(span: Span, turns: list[Turn]) -> int:
     turn = turn_at(turns, span.arm, span.start_s)
     if turn is not None:
         return turn.goal
-    first_s, last_s = working_s(turns, span)
-    return START if span.start_s < first_s else END if span.start_s >= last_s else BETWEEN
+    mine = [turn for turn in turns if turn.arm in (None, span.arm)]
+    if span.start_s < min((turn.start_s for turn in mine), default=inf):
+        return START
+    return END if span.start_s >= max(turn.end_s for turn in mine) else BETWEEN

@@ -2,40 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from trocar.arms import ArmModel, MotionLimits
+from trocar.arms import ArmModel
+from trocar.arms.solids import joint_axes
 from trocar.calibration.command_path import CommandPath
 from trocar.calibration.compensation import REPLAY_S, HysteresisState
 from trocar.calibration.fleet import FleetPrior, Learned, learn_from
-from trocar.calibration.models.base import MIN_ROWS, CableModel
+from trocar.calibration.models.base import MIN_ROWS
 from trocar.calibration.models.play import PlayModel
-from trocar.cell import Clock, Log, MotionResult, Robot, SetPoint
+from trocar.calibration.recording import Recording
+from trocar.cell import SetPoint
 from trocar.errors import ArmMoving
 from trocar.perception.instrument import Sighting
 from trocar.robots.compensated import Compensated
-from trocar.robots.observations import WORST_M, Observation, combine, joints_seen
-from trocar.trajectory import Trajectory
 
 THINNED = 1e-3
 """Commands this close (rad, m) to the straight line between their neighbours are not kept."""
 UNLIKELY = float(chdtri(3, 0.001))
 """Squared Mahalanobis distance that one observation in a thousand exceeds by chance."""
+SHIFT_SD_M = 0.5e-3
+"""SD of an instrument's shift on each axis, due to its registered base and the errors of its outer joints."""
+WORST_M = 0.6e-3
+"""A sighting whose points lie further than this (SD) from the instrument's solids shows something else."""
+LEAST_INFORMATION = 1.0
+"""1/rad^2, added to the information: a rotation about which an image shows nothing has an SD of one radian."""
 
 
-@dataclass(frozen=True, eq=False)
-class Knowledge:
-    """What observations reveal about an arm.
+class Observation(NamedTuple):
+    """A sighting, fitted with the outer joints where they were commanded, and the index of the last command by then."""
+
+    row: int
+    sighting: Sighting
+
+
+class Combined(NamedTuple):
+    """A recording made of observations of the instrument.
 
     Attributes:
-        cables: of its wrist and outer joints.
-        shift_m: (3,) shift of its instrument from where the commanded outer joints put it, in its base.
+        recording: all commands; measured where there was an observation.
+        sd_rad: (n, 3) of the wrist's measurements.
+        shift_m: (3,) shift of the instrument from where the commanded outer joints put it, in the arm's base.
     """
+
+    recording: Recording
+    sd_rad: NDArray[np.float64]
+    shift_m: NDArray[np.float64]
+
+
+class Knowledge(NamedTuple):
+    """What observations reveal about an arm: the cables of its wrist and outer joints, and the shift as above."""
 
     cables: Learned
     shift_m: NDArray[np.float64]
@@ -74,6 +96,7 @@ class _Past:
         return sum(map(len, self.commands))
 
 
+@dataclass(eq=False)
 class Adaptive(Compensated):
     """A robot whose cables are compensated by models that start from a prior and learn from images of the instrument.
 
@@ -81,30 +104,16 @@ class Adaptive(Compensated):
     have the cables fitted again (:meth:`learned`) and, when the arm is at rest, use them (:meth:`adopt`); or correct an
     arm that is still at rest where the image was taken (:meth:`correct`).
 
-    Args:
-        robot: what it wraps, see ``Compensated``.
-        arms: models by name.
-        models: cable models of the arms to begin with.
-        priors: over instruments and sessions, by arm.
-        limits: of velocity and acceleration of the commands, by arm.
-        clock: of the cell.
-        log: of the cell.
+    Attributes:
+        priors: over instruments and sessions, by arm; the rest as in ``Compensated``.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        arms: Mapping[str, ArmModel],
-        models: Mapping[str, CableModel],
-        priors: Mapping[str, FleetPrior],
-        limits: Mapping[str, MotionLimits],
-        clock: Clock,
-        log: Log,
-    ):
-        super().__init__(robot, arms, models, limits, clock, log)
-        self._priors = dict(priors)
+    priors: Mapping[str, FleetPrior] = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self._known: dict[str, Knowledge] = {}
-        self._pasts = {arm: _Past([robot.setpoint(arm).q[None].copy()]) for arm in models}
+        self._pasts = {arm: _Past([self.robot.setpoint(arm).q[None].copy()]) for arm in self.models}
 
     def moment(self, arm: str) -> tuple[int, NDArray[np.float64]]:
         """Return the number of the last command up to now, and the joints (6,) there.
@@ -112,11 +121,10 @@ class Adaptive(Compensated):
         The wrist joints are where the model estimates them, the outer ones where they are commanded: observations are
         compared by how the instrument is shifted from these.
         """
-        past, sent = self._pasts[arm], self._robot.setpoint(arm)
-        past.keep(self._paths.get(arm), sent)
+        self._keep_past([arm])
         q = self.read(arm).q.copy()
-        q[:3] = sent.q[:3]
-        return past.rows - 1, q
+        q[:3] = self.robot.setpoint(arm).q[:3]
+        return self._pasts[arm].rows - 1, q
 
     def saw(self, arm: str, row: int, sighting: Sighting) -> None:
         """Note what an image showed that was taken after that command had been sent."""
@@ -125,10 +133,10 @@ class Adaptive(Compensated):
     def learned(self, arm: str) -> Knowledge | None:
         """Return what all observations so far tell about an arm; None while there are too few for a fit."""
         past = self._pasts[arm]
-        seen = combine(self._arms[arm], arm, np.concatenate(past.commands), past.observations)
+        seen = combine(self.arms[arm], arm, np.concatenate(past.commands), past.observations)
         if seen.recording.valid.sum() < MIN_ROWS:
             return None
-        return Knowledge(learn_from(seen.recording, self._priors[arm], seen.sd_rad), seen.shift_m)
+        return Knowledge(learn_from(seen.recording, self.priors[arm], seen.sd_rad), seen.shift_m)
 
     def adopt(self, arm: str, knowledge: Knowledge) -> None:
         """From now on, use what was learned.
@@ -141,11 +149,8 @@ class Adaptive(Compensated):
 
     def spread(self, arm: str) -> NDArray[np.float64] | None:
         """Return the SDs (3,) of the wrist joints about their estimates, rad; None: nothing was learned yet."""
-        known = self._known.get(arm)
-        if known is None:
-            return None
-        q_cmd = self._robot.setpoint(arm).q
-        return known.cables.spread(self._memory(arm, self._robot.setpoint(arm)).state, q_cmd)
+        known, sent = self._known.get(arm), self.robot.setpoint(arm)
+        return None if known is None else known.cables.spread(self._memory(arm, sent).state, sent.q)
 
     def correct(self, arm: str, seen: Sighting) -> bool:
         """Correct an arm that rests where it was seen, to the extent that the image is more certain than the model.
@@ -162,7 +167,7 @@ class Adaptive(Compensated):
         known, spread = self._known.get(arm), self.spread(arm)
         if known is None or spread is None or seen.left_m > WORST_M:
             return False
-        q, covariance = joints_seen(self._arms[arm], seen, known.shift_m)
+        q, covariance = joints_seen(self.arms[arm], seen, known.shift_m)
         off = q[3:] - self.read(arm).q[3:]
         both = covariance + np.diag(spread**2)
         if off @ np.linalg.solve(both, off) > UNLIKELY:
@@ -173,25 +178,19 @@ class Adaptive(Compensated):
         return True
 
     def _take(self, arm: str, model: PlayModel) -> None:
-        sent, past = self._robot.setpoint(arm), self._pasts[arm]
-        if sent.moving:
+        """Compensate an arm at rest by another model, whose memory is that of all commands so far."""
+        if self.robot.setpoint(arm).moving:
             raise ArmMoving(arm, "its cable model can be replaced only at rest")
-        past.keep(self._paths.get(arm), sent)
-        path = np.concatenate(past.commands)
+        self._keep_past([arm])
+        path = np.concatenate(self._pasts[arm].commands)
         self._rested[arm] = HysteresisState(model, model.remember(model.start(path[0]), path), path[-1])
         self._paths.pop(arm, None)
         self._resting.pop(arm, None)
         self._prepared = {arms: found for arms, found in self._prepared.items() if arm not in arms}
 
-    async def _sent(
-        self,
-        verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, MotionResult]]],
-        motions: Mapping[str, Trajectory],
-        paths: Mapping[str, CommandPath],
-    ) -> Mapping[str, MotionResult]:
-        for arm in paths:
-            self._pasts[arm].keep(self._paths.get(arm), self._robot.setpoint(arm))
-        return await super()._sent(verb, motions, paths)
+    def _keep_past(self, arms: Iterable[str]) -> None:
+        for arm in arms:
+            self._pasts[arm].keep(self._paths.get(arm), self.robot.setpoint(arm))
 
 
 def _thinned(path: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -204,3 +203,53 @@ def _thinned(path: NDArray[np.float64]) -> NDArray[np.float64]:
     if away[farthest] <= THINNED:
         return path[[0, -1]]
     return np.concatenate([_thinned(path[: farthest + 1])[:-1], _thinned(path[farthest:])])
+
+
+def combine(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], observations: Sequence[Observation]) -> Combined:
+    """Return the recording made of observations.
+
+    The shift of the instrument is common to all observations and is found from all of them; then each of them gives its
+    wrist joints.
+
+    Args:
+        arm: whose instrument was seen.
+        name: of the recording.
+        q_cmd: (n, 6) all commands that were sent, including where they reversed; rad and m.
+        observations: in order.
+    """
+    good = [observation for observation in observations if observation.sighting.left_m < WORST_M]
+    shift_m = _common_shift(good)
+    measured, sd = np.full_like(q_cmd, np.nan), np.ones((len(q_cmd), 3))
+    for row, sighting in good:
+        measured[row], covariance = joints_seen(arm, sighting, shift_m)
+        sd[row] = np.sqrt(np.diag(covariance))
+    valid: NDArray[np.bool_] = np.asarray(np.isfinite(measured).all(axis=1))
+    return Combined(Recording(q_cmd, measured, valid, np.arange(len(q_cmd), dtype=np.float64), name), sd, shift_m)
+
+
+def _common_shift(observations: Sequence[Observation]) -> NDArray[np.float64]:
+    """Return the most likely shift (3,) given all observations, whatever the wrist joints were in each."""
+    information, pull = np.eye(3) / SHIFT_SD_M**2, np.zeros(3)
+    for _, seen in observations:
+        across = seen.information[3:, :3] @ _of_wrist(seen)
+        known = seen.information[3:, 3:] - across @ seen.information[:3, 3:]
+        information += known
+        pull += known @ seen.shift_m + seen.pull[3:] - across @ seen.pull[:3]
+    return np.asarray(np.linalg.solve(information, pull), dtype=np.float64)
+
+
+def joints_seen(
+    arm: ArmModel, seen: Sighting, shift_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the joints (6,) in a sighting for this shift of the instrument, and the wrist's covariance (3, 3)."""
+    covariance, q = _of_wrist(seen), seen.q.copy()
+    q[3:] += covariance @ (seen.pull[:3] - seen.information[:3, 3:] @ (shift_m - seen.shift_m))
+    axes, origins = joint_axes(arm, q)
+    by_outer = np.column_stack([*np.cross(axes[:2], origins[5] - origins[:2]), axes[2]])
+    q[:3] += np.linalg.solve(by_outer, shift_m)
+    return q, covariance
+
+
+def _of_wrist(seen: Sighting) -> NDArray[np.float64]:
+    """Return the covariance (3, 3) of the wrist in a sighting, given the shift."""
+    return np.asarray(np.linalg.inv(seen.information[:3, :3] + LEAST_INFORMATION * np.eye(3)), dtype=np.float64)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from trocar.calibration.compensation import HysteresisState
 from trocar.calibration.models import CableModel
 from trocar.cell import Clock, JointReading, Log, MotionEnd, MotionResult, Robot, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, OutOfReach, TrocarError
+from trocar.log import timed
 from trocar.robots.guarded import START_TOLERANCE, start_mismatch
 from trocar.trajectory import Trajectory
 
@@ -34,32 +35,17 @@ SLOWED = 1.001
 """A motion that is slowed down by more than this factor is noted as slowed down."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Start:
-    """Where the commands of a motion begin.
-
-    Attributes:
-        q_cmd: (6,) command there.
-        velocity: (6,) of the command.
-        after: what was sent before; None: nothing yet.
-        then: the motion starts when that has ended; False: it starts now.
-    """
+class _Start(NamedTuple):
+    """Where the commands of a motion begin."""
 
     q_cmd: NDArray[np.float64]
     velocity: NDArray[np.float64]
-    after: CommandPath | None
-    then: bool = False
+    after: CommandPath | None  # what was sent before
+    then: bool = False  # the motion starts when that has ended, not now
 
 
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """Commands that were found before they are needed.
-
-    Attributes:
-        motions: those that they are for.
-        starts: where they begin, by arm: at rest.
-        paths: by arm.
-    """
+class _Prepared(NamedTuple):
+    """Commands found for motions before they are needed, by arm, and where they begin: at rest."""
 
     motions: Mapping[str, Trajectory]
     starts: Mapping[str, _Start]
@@ -79,37 +65,35 @@ class _Prepared:
         )
 
 
+@dataclass(eq=False)
 class Compensated:
     """A robot whose cables are compensated: scripts work in true joints, the robot gets commands.
 
     All commands of a motion are found before it starts, within the limits, so that a cable's slack is crossed in time
-    (``trocar.calibration.command_path``). The model's memory is that of the commands that were really sent: a
-    motion may be stopped half-way, or replaced while it runs.
+    (``trocar.calibration.command_path``). The model's memory is that of the commands that were really sent: a motion
+    may be stopped half-way, or replaced while it runs.
 
-    Args:
+    Attributes:
         robot: what it wraps; its innermost wrapper should be ``Guarded``, which then sees the commands.
         arms: models by name.
-        models: cable models of the arms that are compensated.
+        models: cable models, at first, of the arms that are compensated.
         limits: of velocity and acceleration of the commands, by arm.
         clock: of the cell.
-        log: of the cell; real times of computing, and motions that were slowed down, are noted there.
+        log: of the cell; times of computing, and motions that were slowed down, are noted there.
         stop_at_limits: refuse a motion whose correction would leave a joint's range, instead of leaving it uncorrected.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        arms: Mapping[str, ArmModel],
-        models: Mapping[str, CableModel],
-        limits: Mapping[str, MotionLimits],
-        clock: Clock,
-        log: Log,
-        *,
-        stop_at_limits: bool = False,
-    ):
-        self._robot, self._arms, self._limits = robot, dict(arms), dict(limits)
-        self._clock, self._log, self._stop_at_limits = clock, log, stop_at_limits
-        self._rested = {arm: HysteresisState.at_rest(model, robot.setpoint(arm).q) for arm, model in models.items()}
+    robot: Robot
+    arms: Mapping[str, ArmModel]
+    models: Mapping[str, CableModel]
+    limits: Mapping[str, MotionLimits]
+    clock: Clock
+    log: Log
+    stop_at_limits: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        at_rest = {arm: (model, self.robot.setpoint(arm).q) for arm, model in self.models.items()}
+        self._rested = {arm: HysteresisState.at_rest(model, q_cmd) for arm, (model, q_cmd) in at_rest.items()}
         self._paths: dict[str, CommandPath] = {}
         self._prepared: dict[frozenset[str], _Prepared] = {}
         self._computing: dict[str, TrocarError | None] = {}  # arms whose commands are being found: why they were held
@@ -117,10 +101,10 @@ class Compensated:
 
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state with the joints as the model estimates them."""
-        reading = self._robot.read(arm)
+        reading = self.robot.read(arm)
         if arm not in self._rested:
             return reading
-        return JointReading(reading.time_s, self._estimated(arm, self._robot.setpoint(arm)), reading.jaw_rad)
+        return JointReading(reading.time_s, self._estimated(arm, self.robot.setpoint(arm)), reading.jaw_rad)
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return what the true joints are commanded to now.
@@ -128,7 +112,7 @@ class Compensated:
         For an arm that was stopped on its way, this is where the model estimates the joints: the arm rests there, and
         if a cable's slack was being crossed, that may be some way from where the joints were asked to be.
         """
-        sent = self._robot.setpoint(arm)
+        sent = self.robot.setpoint(arm)
         if arm not in self._rested:
             return sent
         path = self._paths.get(arm)
@@ -163,33 +147,32 @@ class Compensated:
             MotionRefused: as the robot.
         """
         for arm in motions:
-            if arm in self._computing or self._robot.setpoint(arm).moving:
+            if arm in self._computing or self.robot.setpoint(arm).moving:
                 raise ArmMoving(arm)
         starts = {arm: self._now(arm) for arm in motions if arm in self._rested}
         prepared = self._prepared.pop(frozenset(motions), None)
         if not starts:
-            return await self._robot.move(motions)
+            return await self.robot.move(motions)
         if prepared is not None and prepared.suits(motions, starts):
-            paths: Mapping[str, CommandPath] = prepared.paths
-        else:
-            self._computing |= dict.fromkeys(motions)
-            try:
-                paths, seconds = await self._clock.compute(lambda: self._found(motions, starts), BUDGET_S)
-            finally:
-                held = [self._computing.pop(arm) for arm in motions]
-            self._log.compute("compensation", seconds, BUDGET_S)
-            cause = next((cause for cause in held if cause is not None), None)
-            if cause is not None:
-                return {arm: MotionResult.not_started(MotionEnd.HELD, cause) for arm in motions}
-        return await self._sent(self._robot.move, motions, paths)
+            return await self._sent(self.robot.move, motions, prepared.paths)
+        self._computing |= dict.fromkeys(motions)
+        try:
+            paths, seconds = await self.clock.compute(lambda: self._found(motions, starts), BUDGET_S)
+        finally:
+            held = [self._computing.pop(arm) for arm in motions]
+        self.log.compute("compensation", seconds, BUDGET_S)
+        cause = next((cause for cause in held if cause is not None), None)
+        if cause is not None:
+            return {arm: MotionResult.not_started(MotionEnd.HELD, cause) for arm in motions}
+        return await self._sent(self.robot.move, motions, paths)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Let trajectories of the true joints take over from what the arms are doing now."""
-        begin = time.perf_counter()
-        paths = self._found(motions, {arm: self._now(arm) for arm in motions if arm in self._rested})
+        starts = {arm: self._now(arm) for arm in motions if arm in self._rested}
+        paths, seconds = timed(lambda: self._found(motions, starts))
         if paths:
-            self._log.compute("compensation", time.perf_counter() - begin, BUDGET_S)
-        return await self._sent(self._robot.replace, motions, paths)
+            self.log.compute("compensation", seconds, BUDGET_S)
+        return await self._sent(self.robot.replace, motions, paths)
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Find the commands of motions that come next, so that ``move`` starts them at once.
@@ -205,7 +188,7 @@ class Compensated:
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Drive the jaws, whose cables are not compensated."""
-        return await self._robot.jaw(arm, angle_rad)
+        return await self.robot.jaw(arm, angle_rad)
 
     def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest; a motion whose commands are still being found does not start."""
@@ -213,11 +196,11 @@ class Compensated:
             if arm in self._computing:
                 held = isinstance(reason, TrocarError)
                 self._computing[arm] = reason if held else ArmStopped(arm, reason or MotionEnd.HELD.value)
-        self._robot.hold(*arms, reason=reason)
+        self.robot.hold(*arms, reason=reason)
 
     async def rest(self, *arms: str) -> None:
         """Return when these arms, or all, are at rest."""
-        await self._robot.rest(*arms)
+        await self.robot.rest(*arms)
 
     def _memory(self, arm: str, sent: SetPoint) -> HysteresisState:
         """Return the cable memory of an arm after the commands up to now."""
@@ -235,35 +218,34 @@ class Compensated:
 
     def _now(self, arm: str) -> _Start:
         """Return where a motion that starts now begins, for a compensated arm."""
-        sent = self._robot.setpoint(arm)
+        sent = self.robot.setpoint(arm)
         return _Start(sent.q, sent.velocity, self._paths.get(arm))
 
     def _next(self, arm: str) -> _Start:
         """Return where a motion that follows the arm's current one begins."""
         path = self._paths.get(arm)
-        if path is None or not self._robot.setpoint(arm).moving:
+        if path is None or not self.robot.setpoint(arm).moving:
             return self._now(arm)
         return _Start(path.commands(path.commands.times_s[-1]), np.zeros(6), path, then=True)
 
     def _joints(self, arm: str, start: _Start) -> tuple[NDArray[np.float64], HysteresisState]:
         """Return where (6,) the true joints are commanded to be at a start, and the cable memory."""
         if not start.then or start.after is None:
-            return self.setpoint(arm).q, self._memory(arm, self._robot.setpoint(arm))
+            return self.setpoint(arm).q, self._memory(arm, self.robot.setpoint(arm))
         path, memory = start.after, start.after.memory_at(start.after.commands.duration_s)
         missed = path.missing.max() > MISSED
         return memory.joints(start.q_cmd) if missed else path.desired(path.desired.times_s[-1]), memory
 
     def _found(self, motions: Mapping[str, Trajectory], starts: Mapping[str, _Start]) -> dict[str, CommandPath]:
         """Return the commands of the compensated arms among these."""
-        requests = {arm: self._request(arm, motions[arm], start) for arm, start in starts.items()}
-        paths = command_paths(requests)
-        if self._stop_at_limits:
+        paths = command_paths({arm: self._request(arm, motions[arm], start) for arm, start in starts.items()})
+        if self.stop_at_limits:
             for arm, path in paths.items():
-                _require_inside(self._arms[arm], path)
+                _require_inside(self.arms[arm], path)
         return paths
 
     def _request(self, arm: str, desired: Trajectory, start: _Start) -> CommandRequest:
-        model = self._arms[arm]
+        model = self.arms[arm]
         joints, memory = self._joints(arm, start)
         jump = float(np.max(np.abs(desired(desired.times_s[0]) - joints)))
         if jump > START_TOLERANCE:
@@ -273,7 +255,7 @@ class Compensated:
             desired=desired,
             q_start=start.q_cmd,
             velocity_start=start.velocity,
-            limits=self._limits[arm],
+            limits=self.limits[arm],
             lower=model.lower + RANGE_GUARD,
             upper=model.upper - RANGE_GUARD,
         )
@@ -285,23 +267,25 @@ class Compensated:
         paths: Mapping[str, CommandPath],
     ) -> Mapping[str, MotionResult]:
         """Send commands in place of the motions, all on one time scale."""
+        self._keep_past(paths)
         stretch = max((path.stretch for path in paths.values()), default=1.0)
         if stretch > SLOWED:
-            self._log.event("compensation", arms=sorted(paths), stretch=round(stretch, 4))
+            self.log.event("compensation", arms=sorted(paths), stretch=round(stretch, 4))
         commands = {
             arm: paths[arm].commands if arm in paths else motion.stretched(stretch) for arm, motion in motions.items()
         }
-        before = {arm: self._paths.get(arm) for arm in paths}
+        before = {arm: self._paths[arm] for arm in paths if arm in self._paths}
         self._paths.update(paths)  # the robot starts the motions before it first waits
         try:
             return await verb(commands)
         except TrocarError:  # refused: nothing has moved, or the current motion goes on
-            for arm, path in before.items():
-                if path is None:
-                    del self._paths[arm]
-                else:
-                    self._paths[arm] = path
+            for arm in paths:
+                del self._paths[arm]
+            self._paths.update(before)
             raise
+
+    def _keep_past(self, arms: Iterable[str]) -> None:
+        """Called before these arms' paths change: a robot that learns keeps what was sent so far."""
 
 
 def _require_inside(arm: ArmModel, path: CommandPath) -> None:

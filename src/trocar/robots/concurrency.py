@@ -89,3 +89,12 @@ async def first_of(*events: trio.Event) -> None:
     async with trio.open_nursery() as nursery:
         for event in events:
             nursery.start_soon(wait, event)
+
+
+def cause_of(error: BaseException) -> BaseException:
+    """Return what is behind the groups that nurseries make of exceptions: an interruption, or else the first."""
+    errors = [error]
+    for one in errors:  # the list grows by what is in each group
+        errors.extend(one.exceptions if isinstance(one, BaseExceptionGroup) else ())
+    leaves = [one for one in errors if not isinstance(one, BaseExceptionGroup)]
+    return next((leaf for leaf in leaves if not isinstance(leaf, Exception)), leaves[0])

@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
-import numpy as np
 import trio
 
-from trocar.arms import ArmModel
-from trocar.cell import Cell, MotionResult, SetPoint
+from trocar.cell import Cell, MotionResult
 from trocar.errors import MotionRefused, UnknownName
-from trocar.geometry import SE3
 from trocar.geometry.capsules import Capsules
-from trocar.motion import MovingArm, swept_clearance
+from trocar.log import timed
 from trocar.robots.concurrency import first_of
-from trocar.robots.moving_body import NEVER, MovingBody, distance_m, min_delay_s
+from trocar.robots.traffic import NEVER, Departure, Traffic
 from trocar.trajectory import Trajectory
-
-DELAY_STEP_S = 0.08
-"""Step between the delays that are tried."""
-CLOSER_M = 0.5e-3
-"""Arms that are closer than the margin may come this much closer on their way apart, ..."""
-MIN_DISTANCE_M = 1.2e-3
-"""... but not closer than this, unless they already are: the stations' guards keep 1 mm."""
-GUARDED_M = 5e-5
-"""If arms are even closer than that, the guards let them come .1 mm closer on their way apart."""
-AT_END = 1e-6
-"""An arm this close (rad, m) to the end of its motion has arrived."""
 
 
 class Blocked(MotionRefused):
@@ -74,42 +59,17 @@ class Margins:
     check_budget_s: float = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class Departure:
-    """How an arm gets away from the end of a motion.
-
-    Attributes:
-        motion: from there to where nothing is in its way.
-        held: what it will have in its jaws then, in the frame of its tip; None: nothing.
-    """
-
-    motion: Trajectory
-    held: Capsules | None = None
-
-
 @dataclass
-class _Lane:
-    """What one arm does, as announced.
+class _Turn:
+    """How far one arm's script is beside the others'.
 
     Attributes:
-        model: of the arm.
-        T_world_base: its base as registered.
-        announced: its motion; None at rest.
-        held: solids in its jaws, in the frame of its tip; None: empty.
-        departure: how it gets away from where that motion ends; None: not needed there.
-        jaw_rad: widest opening of its jaws on that motion.
         waiting: whether it waits until another arm does something else.
         pressed: set when it is asked to give way.
         step: of the task, as far as it has come.
         at_work: whether others wait for its requests when they decide together.
     """
 
-    model: ArmModel
-    T_world_base: SE3
-    announced: Trajectory | None = None
-    held: Capsules | None = None
-    departure: Departure | None = None
-    jaw_rad: float = 0.0
     waiting: bool = False
     pressed: trio.Event = field(default_factory=trio.Event)
     step: float = 0.0
@@ -117,7 +77,7 @@ class _Lane:
 
 
 @dataclass
-class _Space:
+class _Reservation:
     """A space for one arm at a time; arms get it in the order in which they asked."""
 
     free: trio.Semaphore = field(default_factory=lambda: trio.Semaphore(1))
@@ -161,15 +121,16 @@ class Coordinator:
             if name not in cell.arms:
                 raise UnknownName("arm", name, cell.arms)
         self._cell, self._margins = cell, margins or Margins()
-        self._lanes = {name: _Lane(cell.arms[name], cell.T_world_base_registered[name]) for name in arms}
-        self._spaces: dict[str, _Space] = {}
+        self._traffic = Traffic(cell, arms, self._margins.min_margin_m)
+        self._lanes, self._turns = self._traffic.lanes, {name: _Turn() for name in arms}
+        self._spaces: dict[str, _Reservation] = {}
         self._requests: dict[str, _Request] = {}
         self._motions, self._progress, self._asking = _Signal(), _Signal(), _Signal()
 
     @property
     def alone(self) -> bool:
         """Return whether only one arm takes part."""
-        return len(self._lanes) == 1
+        return len(self._turns) == 1
 
     def carry(self, arm: str, held: Capsules | None) -> None:
         """Record what an arm has in its jaws now, in the frame of its tip; None: nothing."""
@@ -179,6 +140,8 @@ class Coordinator:
     def carries(self, arm: str) -> bool:
         """Return whether an arm was recorded as having something in its jaws."""
         return self._lanes[arm].held is not None
+
+    # Motions.
 
     async def admit(
         self,
@@ -229,9 +192,46 @@ class Coordinator:
             self._lanes[arm].announced = None
             self._motions.notify()
 
+    async def _checked(
+        self, arm: str, motion: Trajectory, margin_m: float, contact_s: tuple[float, float], departure: Departure | None
+    ) -> float | None:
+        """Return the delay of a motion (see ``Traffic``), timed on the cell's clock; for one arm nothing is computed.
+
+        The declared time passes before the check, because the check has to see the newest state of the other arms, and
+        nothing may come between it and the announcement.
+        """
+        if self.alone:
+            return 0.0
+        budget_s = self._margins.check_budget_s
+        with self._cell.log.span(arm, "planning"):
+            await self._cell.clock.compute(lambda: None, budget_s)
+        delay, seconds = timed(lambda: self._traffic.delay_s(arm, motion, margin_m, contact_s, departure))
+        self._cell.log.compute("traffic", seconds, budget_s)
+        return delay
+
+    async def _wait_for_change(self, arm: str, deadline_s: float) -> None:
+        turn, left_s = self._turns[arm], deadline_s - self._cell.clock.now_s()
+        if left_s <= 0:
+            raise Blocked(arm)
+        standing = [name for name, other in self._turns.items() if name != arm and other.waiting]
+        if standing and not self.carries(arm) and any(map(self.carries, standing)):
+            raise Blocked(arm)
+        for name in standing:
+            self._turns[name].pressed.set()
+        changed, turn.waiting, turn.pressed = self._motions.event, True, trio.Event()
+        try:
+            with trio.move_on_after(left_s):
+                await first_of(changed, turn.pressed)
+        finally:
+            turn.waiting = False
+        if turn.pressed.is_set():
+            raise Blocked(arm)
+
+    # Spaces.
+
     def try_reserve(self, arm: str, space: str) -> bool:
         """Reserve a space if it is free; return whether the arm has it."""
-        place = self._spaces.setdefault(space, _Space())
+        place = self._spaces.setdefault(space, _Reservation())
         if place.holder is None and place.free.value:
             place.free.acquire_nowait()
             place.holder = arm
@@ -252,9 +252,11 @@ class Coordinator:
             place.holder = None
             place.free.release()
 
+    # Pace.
+
     def reached(self, arm: str, step: float = inf) -> None:
         """Note that an arm has reached a step of the task; by default, that it has finished."""
-        self._lanes[arm].step = step
+        self._turns[arm].step = step
         self.progress()
 
     def progress(self) -> None:
@@ -267,16 +269,18 @@ class Coordinator:
 
     async def wait_for_others(self, arm: str, step: float, patience_s: float) -> None:
         """Wait until all other arms have reached a step, but not longer than this."""
-        others = self._others(arm)
+        others = [turn for name, turn in self._turns.items() if name != arm]
         if all(other.step >= step for other in others):
             return
         with self._cell.log.span(arm, "waiting"), trio.move_on_after(patience_s):
             while any(other.step < step for other in others):
                 await self.progressed()
 
+    # Joint decisions.
+
     def leave(self, arm: str) -> None:
         """Let the others decide without this arm, which stays where it is; until it asks again."""
-        self._lanes[arm].at_work = False
+        self._turns[arm].at_work = False
         self._asking.notify()
 
     @contextmanager
@@ -286,7 +290,7 @@ class Coordinator:
         try:
             yield
         finally:
-            self._lanes[arm].at_work = True
+            self._turns[arm].at_work = True
 
     async def decide_together(
         self, arm: str, asked: Any, decide: Callable[[Mapping[str, Any]], Awaitable[Mapping[str, Any]]]
@@ -318,117 +322,4 @@ class Coordinator:
         return request.answer
 
     def _all_asked(self) -> bool:
-        return all(name in self._requests for name, lane in self._lanes.items() if lane.at_work)
-
-    def _others(self, arm: str) -> list[_Lane]:
-        return [lane for name, lane in self._lanes.items() if name != arm]
-
-    async def _wait_for_change(self, arm: str, deadline_s: float) -> None:
-        lane, left_s = self._lanes[arm], deadline_s - self._cell.clock.now_s()
-        if left_s <= 0:
-            raise Blocked(arm)
-        standing = [other for other in self._others(arm) if other.waiting]
-        if standing and lane.held is None and any(other.held is not None for other in standing):
-            raise Blocked(arm)
-        for other in standing:
-            other.pressed.set()
-        changed, lane.waiting, lane.pressed = self._motions.event, True, trio.Event()
-        try:
-            with trio.move_on_after(left_s):
-                await first_of(changed, lane.pressed)
-        finally:
-            lane.waiting = False
-        if lane.pressed.is_set():
-            raise Blocked(arm)
-
-    async def _checked(
-        self, arm: str, motion: Trajectory, margin_m: float, contact_s: tuple[float, float], departure: Departure | None
-    ) -> float | None:
-        """Return the result of ``_delay_s``, timed on the cell's clock and logged; for one arm nothing is computed.
-
-        The declared time passes before the check, because the check has to see the newest state of the other arms, and
-        nothing may come between it and the announcement.
-        """
-        if self.alone:
-            return 0.0
-        budget_s = self._margins.check_budget_s
-        with self._cell.log.span(arm, "planning"):
-            await self._cell.clock.compute(lambda: None, budget_s)
-        begin = time.perf_counter()
-        delay = self._delay_s(arm, motion, margin_m, contact_s, departure)
-        self._cell.log.compute("traffic", time.perf_counter() - begin, budget_s)
-        return delay
-
-    def _delay_s(
-        self, arm: str, motion: Trajectory, margin_m: float, contact_s: tuple[float, float], departure: Departure | None
-    ) -> float | None:
-        """Return the delay after which a motion is free; None if it never is while other arms stay where they go."""
-        now, lane = self._cell.clock.now_s(), self._lanes[arm]
-        mover = MovingBody(MovingArm(lane.model, motion, lane.T_world_base, 0.0, lane.jaw_rad), lane.held)
-        bodies = {name: self._body(name) for name in self._lanes if name != arm}
-        delay = 0.0
-        for name, body in bodies.items():
-            if not self._can_depart(lane, departure, self._lanes[name], body, motion):
-                return None
-            here = distance_m(mover, 0.0, body if contact_s[0] > 0 else body.empty(), now)
-            until = max(0.0, body.arm.end_s - now)
-            delays = np.arange(0.0, until + DELAY_STEP_S, DELAY_STEP_S).tolist()
-            found = min_delay_s(mover, body, now, _relaxed(margin_m, here), delays, contact_s)
-            if found is None:
-                return None
-            delay = max(delay, found)
-        if delay == 0.0 and not self._certain(arm, mover.arm, bodies, margin_m):
-            return DELAY_STEP_S if any(self._lanes[name].announced for name in bodies) else None
-        return delay
-
-    def _can_depart(
-        self, lane: _Lane, departure: Departure | None, other: _Lane, body: MovingBody, motion: Trajectory
-    ) -> bool:
-        """Return whether two arms could get away from where their motions end, one while the other rests there."""
-        mine = MovingArm.resting(lane.model, motion(motion.times_s[-1]), lane.T_world_base, lane.jaw_rad)
-        theirs = MovingArm.resting(other.model, body.arm.joints(body.arm.end_s), other.T_world_base, body.arm.jaw_rad)
-        ways = [
-            (departure, lane, MovingBody(theirs, body.held)),
-            (other.departure, other, MovingBody(mine, lane.held)),
-        ]
-        for way, mover, still in ways:
-            if way is None:
-                continue
-            arm = MovingArm(mover.model, way.motion, mover.T_world_base, 0.0, lane.jaw_rad)
-            start = MovingBody(arm, way.held)
-            least_m = _relaxed(self._margins.min_margin_m, distance_m(start, 0.0, still, 0.0))
-            if min_delay_s(start, still, 0.0, least_m, [0.0]) is None:
-                return False
-        return True
-
-    def _certain(self, arm: str, mover: MovingArm, bodies: Mapping[str, MovingBody], margin_m: float) -> bool:
-        """Return whether the instruments keep the margin between the samples too, if the motion starts now."""
-        now_s = self._cell.clock.now_s()
-        movers = {arm: MovingArm(mover.model, mover.trajectory, mover.T_world_base, now_s, mover.jaw_rad)}
-        others = {name: body.arm for name, body in bodies.items()}
-        end = max(movers[arm].end_s, *(other.end_s for other in others.values()))
-        here = swept_clearance(movers, others=others, span_s=(now_s, now_s)).sampled_m
-        least = _relaxed(margin_m, here)
-        return swept_clearance(movers, others=others, span_s=(now_s, end), enough_m=least).distance_m >= least
-
-    def _body(self, arm: str) -> MovingBody:
-        """Return an arm as it is now, on the rest of its announced motion or at rest; its clock is the cell's."""
-        lane, robot, now = self._lanes[arm], self._cell.robot, self._cell.clock.now_s()
-        setpoint = robot.setpoint(arm)
-        if lane.announced is None or _arrived(lane.announced, setpoint):
-            motion, jaw_rad = Trajectory(np.array([0.0, 1e-3]), setpoint.q[None, None]), robot.read(arm).jaw_rad
-            return MovingBody(
-                MovingArm(lane.model, motion, lane.T_world_base, now - 1e-3, max(0.0, jaw_rad)), lane.held
-            )
-        begun_s = now - setpoint.path_s if setpoint.moving else now  # admitted, and about to start
-        return MovingBody(MovingArm(lane.model, lane.announced, lane.T_world_base, begun_s, lane.jaw_rad), lane.held)
-
-
-def _relaxed(margin_m: float, here_m: float) -> float:
-    """Return the margin, or less where arms are closer than that already: they may move apart."""
-    return min(margin_m, max(here_m - CLOSER_M, min(MIN_DISTANCE_M, here_m - GUARDED_M)))
-
-
-def _arrived(motion: Trajectory, setpoint: SetPoint) -> bool:
-    """Return whether an arm rests at the end of its motion."""
-    return not setpoint.moving and bool(np.abs(motion(motion.times_s[-1]) - setpoint.q).max() < AT_END)
+        return all(name in self._requests for name, turn in self._turns.items() if turn.at_work)

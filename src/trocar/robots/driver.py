@@ -23,22 +23,28 @@ JAW_REST_S = 0.05
 
 
 @dataclass
+class Completion:
+    """What whoever waits for a motion, or for jaws, gets: how it ended, and the row after its last one."""
+
+    ending: Ending = Ending()
+    last: int = 0
+    over: trio.Event = field(default_factory=trio.Event)
+
+    def finish(self, ending: Ending, last: int) -> None:
+        """Notify whoever waits; only the first ending counts."""
+        if not self.over.is_set():
+            self.ending, self.last = ending, last
+            self.over.set()
+
+
+@dataclass
 class _Jaw:
     """Jaws that move on a ramp at their maximum speed."""
 
     rad: float
     goal_rad: float
     ending: Ending = Ending()
-    arrived: trio.Event = field(default_factory=trio.Event)
-
-
-@dataclass
-class _Completion:
-    """What a script that waits for a motion gets: how it ended, and the row after its last one."""
-
-    ending: Ending = Ending()
-    last: int = 0
-    over: trio.Event = field(default_factory=trio.Event)
+    completion: Completion = field(default_factory=Completion)
 
 
 @dataclass
@@ -53,7 +59,7 @@ class _Arm:
     sent: NDArray[np.float64]
     sent_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
     limit_use: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    completion: _Completion = field(default_factory=_Completion)
+    completion: Completion = field(default_factory=Completion)
     commanded: list[NDArray[np.float64]] = field(default_factory=list)
     measured: list[NDArray[np.float64]] = field(default_factory=list)
 
@@ -66,10 +72,11 @@ class Driver:
 
     Args:
         now_s: returns the cell's clock.
+        records: whether what was commanded and read is kept for the results of motions.
     """
 
-    def __init__(self, now_s: Callable[[], float]):
-        self._now_s = now_s
+    def __init__(self, now_s: Callable[[], float], *, records: bool = True):
+        self._now_s, self._records = now_s, records
         self._arms: dict[str, _Arm] = {}
         self._times: list[float] = []
         self._gone = ""
@@ -95,9 +102,13 @@ class Driver:
         """Return the encoders' state as last read."""
         return self._arm(arm).reading
 
-    def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is commanded now."""
-        return self._arm(arm).executor.now(self._now_s())
+    def setpoint(self, arm: str, ahead_s: float = 0.0) -> SetPoint:
+        """Return what the arm is commanded now, or will be so much later if nothing else is asked of it."""
+        return self._arm(arm).executor.now(self._now_s() + ahead_s)
+
+    def jaw_command_rad(self, arm: str) -> float:
+        """Return the opening that the jaws are commanded to now."""
+        return self._arm(arm).jaw.rad
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Run trajectories from rest, all starting at the same tick."""
@@ -109,24 +120,28 @@ class Driver:
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Let trajectories take over from what the arms are doing now."""
         for name in motions:
-            arm = self._arm(name)
-            if arm.executor.moving:
-                self._finish(arm, _ending(MotionEnd.REPLACED, name))
+            self._arm(name)
         return await self._execute(motions)
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Do nothing: trajectories are executed as they are."""
 
+    def start(self, motions: Mapping[str, Trajectory]) -> dict[str, Completion]:
+        """Start trajectories at this tick, whatever the arms were doing; each completion tells when it is over."""
+        now, waiting = self._now_s(), {}
+        for name, trajectory in motions.items():
+            arm = self._arm(name)
+            if arm.executor.moving:
+                self._finish(arm, _ending(MotionEnd.REPLACED, name))
+            arm.executor.start(trajectory, now)
+            waiting[name] = arm.completion = Completion()
+        return waiting
+
     async def _execute(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         if self._gone:
             await trio.lowlevel.checkpoint()
-            return {name: self._result(name, 0, 0, _ending(MotionEnd.FAULT, name, self._gone)) for name in motions}
-        first, now = len(self._times), self._now_s()
-        waiting: dict[str, _Completion] = {}
-        for name, trajectory in motions.items():
-            arm = self._arm(name)
-            arm.executor.start(trajectory, now)
-            waiting[name] = arm.completion = _Completion()
+            return {name: self._never_started(name) for name in motions}
+        first, waiting = len(self._times), self.start(motions)
         try:
             for completion in waiting.values():
                 await completion.over.wait()
@@ -139,31 +154,37 @@ class Driver:
             raise
         return {name: self._result(name, first, done.last, done.ending) for name, done in waiting.items()}
 
+    def start_jaw(self, arm: str, angle_rad: float) -> Completion:
+        """Ramp the jaws to this opening at their speed from this tick on; the completion tells when they arrived."""
+        jaw = self._arm(arm).jaw
+        jaw.completion.finish(_ending(MotionEnd.REPLACED, arm, "the jaws were given another target"), len(self._times))
+        jaw.goal_rad, jaw.ending, jaw.completion = angle_rad, Ending(), Completion()
+        return jaw.completion
+
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Ramp the jaws to this opening at their speed; return when they arrived or stall."""
         jaw = self._arm(arm).jaw
         if self._gone:
             await trio.lowlevel.checkpoint()
-            return self._result(arm, 0, 0, _ending(MotionEnd.FAULT, arm, self._gone))
-        jaw.arrived.set()  # scripts that wait for an earlier goal
-        jaw.goal_rad, jaw.arrived, jaw.ending = angle_rad, trio.Event(), Ending()
-        first, arrived = len(self._times), jaw.arrived
+            return self._never_started(arm)
+        first, completion = len(self._times), self.start_jaw(arm, angle_rad)
         try:
-            await arrived.wait()
+            await completion.over.wait()
         except trio.Cancelled:
-            if jaw.arrived is arrived:
+            if jaw.completion is completion:
                 jaw.goal_rad = jaw.rad
             raise
-        ending = jaw.ending
-        if jaw.arrived is not arrived:
-            ending = _ending(MotionEnd.REPLACED, arm, "the jaws were given another target")
-        if ending.ended is MotionEnd.DONE:
+        if completion.ending.ended is MotionEnd.DONE:
             await trio.sleep(JAW_REST_S)
-        return self._result(arm, first, len(self._times), ending)
+        return self._result(arm, first, len(self._times), completion.ending)
 
     def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest on their paths; their jaws stop too."""
         self._brake(arms or self.names, MotionEnd.HELD, reason)
+
+    def cancel(self, *arms: str) -> None:
+        """Bring these arms to rest because whoever moved them was cancelled."""
+        self._brake(arms, MotionEnd.CANCELLED)
 
     def fault(self, *arms: str, reason: TrocarError | str) -> None:
         """Bring these arms to rest because something is wrong."""
@@ -184,8 +205,7 @@ class Driver:
             if arm.executor.moving:
                 arm.executor.freeze(self._now_s())
                 self._finish(arm, ending)
-            arm.jaw.ending = ending
-            arm.jaw.arrived.set()
+            arm.jaw.completion.finish(ending, len(self._times))
 
     async def rest(self, *arms: str) -> None:
         """Return when these arms, or all, are at rest."""
@@ -243,34 +263,31 @@ class Driver:
             now_s: the clock at the end of the tick.
             readings: of the arms that answered; the others keep their last one.
         """
-        self._times.append(now_s)
+        if self._records:
+            self._times.append(now_s)
         for name, arm in self._arms.items():
             arm.reading = readings.get(name, arm.reading)
-            arm.commanded.append(np.append(arm.sent, arm.jaw.rad))
-            arm.measured.append(np.append(arm.reading.q, arm.reading.jaw_rad))
+            if self._records:
+                arm.commanded.append(np.append(arm.sent, arm.jaw.rad))
+                arm.measured.append(np.append(arm.reading.q, arm.reading.jaw_rad))
             ending = arm.executor.advance(now_s)
             if ending is not None:
                 self._finish(arm, ending)
             if arm.jaw.rad == arm.jaw.goal_rad:
-                arm.jaw.arrived.set()
+                arm.jaw.completion.finish(arm.jaw.ending, len(self._times))
 
     def _finish(self, arm: _Arm, ending: Ending) -> None:
-        arm.completion.ending, arm.completion.last = ending, len(self._times)
-        arm.completion.over.set()
+        arm.completion.finish(ending, len(self._times))
+
+    def _never_started(self, name: str) -> MotionResult:
+        return MotionResult.not_started(MotionEnd.FAULT, ArmStopped(name, self._gone))
 
     def _result(self, name: str, first: int, last: int, ending: Ending) -> MotionResult:
         arm = self._arms[name]
-        return MotionResult(
-            times_s=np.array(self._times[first:last]),
-            commanded=np.array(arm.commanded[first:last]).reshape(-1, 7),
-            measured=np.array(arm.measured[first:last]).reshape(-1, 7),
-            ended=ending.ended,
-            cause=ending.cause,
-        )
+        commanded, measured = (np.array(rows[first:last]).reshape(-1, 7) for rows in (arm.commanded, arm.measured))
+        return MotionResult(np.array(self._times[first:last]), commanded, measured, ending.ended, ending.cause)
 
 
 def _ending(ended: MotionEnd, arm: str, reason: TrocarError | str = "") -> Ending:
     """Return how an arm's motion was ended, with the reason as a typed error."""
-    if isinstance(reason, TrocarError):
-        return Ending(ended, reason)
-    return Ending(ended, ArmStopped(arm, reason or ended.value))
+    return Ending(ended, reason if isinstance(reason, TrocarError) else ArmStopped(arm, reason or ended.value))

@@ -26,29 +26,6 @@ class Ending(NamedTuple):
     cause: TrocarError | None = None
 
 
-@dataclass
-class _Motion:
-    """A trajectory on the cell's clock.
-
-    Attributes:
-        trajectory: what is executed.
-        start_s: clock at which it began.
-        braked: how it comes to rest, if it was told to, and since when.
-        ending: how it will have ended, once it has.
-    """
-
-    trajectory: Trajectory
-    start_s: float
-    braked: tuple[float, Brake] | None = None
-    ending: Ending = Ending()
-
-    @property
-    def end_s(self) -> float:
-        if self.braked is not None:
-            return self.braked[0] + self.braked[1].duration_s
-        return self.start_s + self.trajectory.duration_s
-
-
 class _State(NamedTuple):
     """Joints and velocities (n, 6), time along the path and its rate (n,), and whether the path is kept."""
 
@@ -57,6 +34,37 @@ class _State(NamedTuple):
     path_s: NDArray[np.float64]
     rate: NDArray[np.float64]
     on_path: bool
+
+
+@dataclass
+class _Motion:
+    """A trajectory on the cell's clock, and how it will have ended, once it has."""
+
+    trajectory: Trajectory
+    start_s: float
+    braked: tuple[float, Brake] | None = None  # since when it comes to rest, and how
+    ending: Ending = Ending()
+
+    @property
+    def end_s(self) -> float:
+        if self.braked is not None:
+            return self.braked[0] + self.braked[1].duration_s
+        return self.start_s + self.trajectory.duration_s
+
+    def at(self, times_s: NDArray[np.float64]) -> _State:
+        """Return where it is at these times of the clock."""
+        trajectory, first_s = self.trajectory, self.trajectory.times_s[0]
+        if self.braked is None:
+            path_s = np.minimum(np.maximum(times_s - self.start_s, 0.0), trajectory.duration_s)
+            rate = np.where(times_s < self.end_s - DONE_S, 1.0, 0.0)
+        else:
+            since, stop = times_s - self.braked[0], self.braked[1]
+            path_s, rate = stop.at(since)
+            path_s = path_s - first_s
+            if stop.off_path is not None:
+                return _State(stop.off_path(since), stop.off_path(since, 1), path_s, rate, False)
+        at = first_s + path_s
+        return _State(trajectory(at), rate[:, None] * trajectory(at, 1), path_s, rate, True)
 
 
 class TrajectoryExecutor:
@@ -97,7 +105,7 @@ class TrajectoryExecutor:
             return motion.trajectory, motion.start_s
         count = max(1, math.ceil((motion.end_s - now_s) / step_s))
         times = now_s + step_s * np.arange(count + 1.0)
-        state = _state(motion, times)
+        state = motion.at(times)
         return Trajectory.hermite(times - now_s, state.q, state.velocity), now_s
 
     def start(self, trajectory: Trajectory, now_s: float) -> None:
@@ -110,18 +118,15 @@ class TrajectoryExecutor:
         if motion is None or motion.braked is not None:
             return
         path_s = motion.trajectory.times_s[0] + min(now_s - motion.start_s, motion.trajectory.duration_s)
-        motion.braked = (
-            now_s,
-            brake(motion.trajectory, float(path_s), self._limits, self._model.lower, self._model.upper),
-        )
-        motion.ending, self._setpoint = ending, None
+        stop = brake(motion.trajectory, float(path_s), self._limits, self._model.lower, self._model.upper)
+        motion.braked, motion.ending, self._setpoint = (now_s, stop), ending, None
 
     def advance(self, now_s: float) -> Ending | None:
         """Return how a motion has ended, once it has; the arm rests from then on."""
         motion = self._motion
         if motion is None or now_s < motion.end_s - DONE_S:
             return None
-        state = _state(motion, np.array([motion.end_s]))
+        state = motion.at(np.array([motion.end_s]))
         self._rest, self._path = state.q[0], (float(state.path_s[0]), state.on_path)
         self._motion = self._setpoint = None
         return motion.ending
@@ -137,37 +142,19 @@ class TrajectoryExecutor:
         if self._motion is None:
             shape = (len(times_s), 6)
             return np.broadcast_to(self._rest, shape), np.zeros(shape)
-        state = _state(self._motion, times_s)
+        state = self._motion.at(times_s)
         return state.q, state.velocity
 
     def now(self, now_s: float) -> SetPoint:
         """Return the command at this time of the clock; all callers within one tick get the same, read-only."""
         if self._setpoint is None or self._setpoint.time_s != now_s:
-            self._setpoint = self._at(now_s)
-            self._setpoint.q.flags.writeable = self._setpoint.velocity.flags.writeable = False
+            if self._motion is None:
+                path_s, on_path = self._path
+                q, velocity, rate = self._rest.copy(), np.zeros(6), 0.0
+            else:
+                state = self._motion.at(np.array([now_s]))
+                q, velocity, on_path = state.q[0], state.velocity[0], state.on_path
+                path_s, rate = float(state.path_s[0]), float(state.rate[0])
+            q.flags.writeable = velocity.flags.writeable = False
+            self._setpoint = SetPoint(now_s, q, velocity, self.moving, path_s, rate, on_path)
         return self._setpoint
-
-    def _at(self, now_s: float) -> SetPoint:
-        if self._motion is None:
-            path_s, on_path = self._path
-            return SetPoint(now_s, self._rest.copy(), np.zeros(6), False, path_s, 0.0, on_path)
-        state = _state(self._motion, np.array([now_s]))
-        return SetPoint(
-            now_s, state.q[0], state.velocity[0], True, float(state.path_s[0]), float(state.rate[0]), state.on_path
-        )
-
-
-def _state(motion: _Motion, times_s: NDArray[np.float64]) -> _State:
-    """Return where a motion is at these times of the clock."""
-    trajectory, first_s = motion.trajectory, motion.trajectory.times_s[0]
-    if motion.braked is None:
-        path_s = np.minimum(np.maximum(times_s - motion.start_s, 0.0), trajectory.duration_s)
-        rate = np.where(times_s < motion.end_s - DONE_S, 1.0, 0.0)
-    else:
-        since, stop = times_s - motion.braked[0], motion.braked[1]
-        path_s, rate = stop.at(since)
-        path_s = path_s - first_s
-        if stop.off_path is not None:
-            return _State(stop.off_path(since), stop.off_path(since, 1), path_s, rate, False)
-    at = first_s + path_s
-    return _State(trajectory(at), rate[:, None] * trajectory(at, 1), path_s, rate, True)

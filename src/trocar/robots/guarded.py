@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -25,9 +25,9 @@ from trocar.errors import (
     UnknownName,
 )
 from trocar.geometry import SE3, shown
+from trocar.motion.bodies import MovingArm
 from trocar.motion.clearance import swept_clearance
 from trocar.motion.limits import limit_use, require_range
-from trocar.motion.moving_arm import MovingArm
 from trocar.robots.driver import TICK_S
 from trocar.trajectory import Trajectory
 
@@ -140,9 +140,7 @@ class Guarded:
         now, factor = self._robot.setpoint(arm), self._stretch.get(arm, 1.0)
         if factor == 1.0:
             return now
-        return SetPoint(
-            now.time_s, now.q, now.velocity, now.moving, now.path_s / factor, now.path_rate / factor, now.on_path
-        )
+        return replace(now, path_s=now.path_s / factor, path_rate=now.path_rate / factor)
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Run trajectories from rest, all slowed down by one factor if one exceeds its limits.
@@ -200,10 +198,10 @@ class Guarded:
             age_s = now.time_s - self._robot.read(name).time_s
             stale = now.moving and age_s > self._stale_s
             if stale:
-                stale_reading = StaleReading(name, age_s, self._stale_s)
-                self._robot.fault(name, reason=stale_reading)
+                reason = StaleReading(name, age_s, self._stale_s)
+                self._robot.fault(name, reason=reason)
                 if name not in self._silent:  # its motion is known while it brakes
-                    self._note("guard", arm=name, reason=str(stale_reading))
+                    self._note("guard", arm=name, reason=str(reason))
             (self._silent.add if stale else self._silent.discard)(name)
 
     def _stop_before(self, braking: set[str]) -> None:
@@ -289,12 +287,12 @@ class Guarded:
         trajectory, start_s = motion
         expected = None if estimator is None else estimator.expected(name)
         if expected is not None and not self._robot.braking(name):
-            factor = trajectory.duration_s / expected.duration_s
-            return MovingArm(guard.model, expected.stretched(factor), guard.T_world_base, start_s, jaw_rad)
-        shifted = trajectory.coefficients.copy()
-        shifted[-1] += off
-        shifted = Trajectory(trajectory.times_s, shifted)
-        return MovingArm(guard.model, shifted, guard.T_world_base, start_s, jaw_rad)
+            believed = expected.stretched(trajectory.duration_s / expected.duration_s)
+        else:
+            shifted = trajectory.coefficients.copy()
+            shifted[-1] += off
+            believed = Trajectory(trajectory.times_s, shifted)
+        return MovingArm(guard.model, believed, guard.T_world_base, start_s, jaw_rad)
 
     def _factor(self, name: str, trajectory: Trajectory) -> float:
         """Return the factor by which a motion has to be slowed down (1 or less: not at all); refuse invalid motions."""

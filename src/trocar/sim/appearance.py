@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,25 +22,15 @@ AT_ONCE = 8192
 """Number of points processed at a time, so that intermediate arrays stay in the processor's cache."""
 
 
-@dataclass(frozen=True)
-class Sight:
-    """Points (n, 3) on surfaces and how they are seen; all in the world's frame.
+class Sight(NamedTuple):
+    """Points (n, 3) on surfaces with their outward normals, seen by an eye under a lamp; all in the world's frame."""
 
-    Attributes:
-        geom: (n,) ids, -1 for nothing.
-        points_m: (n, 3).
-        normal: (n, 3) outward.
-        eye_m: (3,) place of the eye.
-        lamp_m: (3,) place of the lamp.
-        lit: (n,) whether the lamp reaches the point.
-    """
-
-    geom: NDArray[np.int32]
+    geom: NDArray[np.int32]  # (n,) ids, -1 for nothing
     points_m: NDArray[np.float64]
     normal: NDArray[np.float64]
     eye_m: NDArray[np.float64]
     lamp_m: NDArray[np.float64]
-    lit: NDArray[np.bool_]
+    lit: NDArray[np.bool_]  # (n,) whether the lamp reaches the point
 
 
 class Appearance:
@@ -59,9 +49,8 @@ class Appearance:
             found = np.where(with_material, values[material], 0.0) if len(values) else np.zeros(len(material))
             return np.append(np.maximum(found, 0.0), 0.0).astype(np.float32)
 
-        self._grain = of_geoms(model.mat_roughness)
-        self._wet = of_geoms(model.mat_specular)
-        self._shininess = of_geoms(model.mat_shininess)
+        qualities = model.mat_roughness, model.mat_specular, model.mat_shininess
+        self._grain, self._wet, self._shininess = map(of_geoms, qualities)
 
     def apply(self, data: mujoco.MjData, color: NDArray[np.float32], sight: Sight) -> NDArray[np.float32]:
         """Return the colours (n, 3) in [0, 1] with grain and spots."""

@@ -1,4 +1,4 @@
-"""The simulated cell during calibration: an arm that carries spheres, a checkerboard in view; the rest is withdrawn."""
+"""Calibration in simulation: arms that carry spheres, a checkerboard in a hand, joints as noisy fiducials show them."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.arms import fk, ik
+from trocar.calibration.excitation import WIDE_ROWS, MotionBox, random_smooth_path, slack_taken_up, wide_path
+from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3, shown
 from trocar.lab import SensorFlaws, Station
 from trocar.lab.session import Session
+from trocar.lab.transmission import DriveTrain
 from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project, rays_through
 from trocar.perception.fiducials import Fixture
@@ -36,6 +40,11 @@ DISTANCES = (0.8, 1.1)
 workspace's distance (assumed)."""
 TRIES = 10_000
 
+ROOM_RAD, ROOM_M = 0.5, 0.05
+"""True joints may leave the commands' range by this much."""
+SAMPLE_S = 0.8
+"""Time between two samples of a calibration recording (paper: 1355 in 18 minutes)."""
+
 
 class EmptyTable(TaskWorld):
     """A black table with nothing on it, far below the world's origin."""
@@ -52,12 +61,9 @@ def _add_table(spec: mujoco.MjSpec, z_m: float, rgb: tuple[float, float, float],
 
 def printed(fixture: Fixture, rng: np.random.Generator) -> Fixture:
     """Return a fixture as printed: each sphere slightly off its place."""
-    off = fixture.print_sd_m * rng.standard_normal((len(fixture.spheres), 3))
-    moved = [
-        replace(sphere, center_m=tuple((np.array(sphere.center_m) + shift).tolist()))
-        for sphere, shift in zip(fixture.spheres, off, strict=True)
-    ]
-    return replace(fixture, spheres=tuple(moved))
+    centers = fixture.centers_m + fixture.print_sd_m * rng.standard_normal((len(fixture.spheres), 3))
+    moved = zip(fixture.spheres, centers.tolist(), strict=True)
+    return replace(fixture, spheres=tuple(replace(sphere, center_m=tuple(center)) for sphere, center in moved))
 
 
 class FiducialCell:
@@ -67,8 +73,8 @@ class FiducialCell:
         session: the session; its true base and camera are used.
         arm: which arm.
         camera: which of the station's cameras.
-        fixture: that the arm carries, as designed; its printing errors are drawn.
-        rng: draws the printing errors.
+        fixture: that the arm carries, as designed.
+        rng: draws its printing errors.
         flaws: of the camera, in place of the station's.
 
     Raises:
@@ -86,9 +92,8 @@ class FiducialCell:
     ):
         seen_by = session.station.cameras[camera]
         if not isinstance(seen_by.model, Intrinsics):
-            raise InvalidInput(
-                f"camera {camera!r} of station {session.station.name!r}", "has no depth", "spheres need an RGBD camera"
-            )
+            what = f"camera {camera!r} of station {session.station.name!r}"
+            raise InvalidInput(what, "has no depth", "spheres need an RGBD camera")
         self.fixture = printed(fixture, rng)
         models, bases = {arm: session.models[arm]}, {arm: session.T_world_base[arm]}
         self._world = World(models, bases, EmptyTable(), fixtures={arm: self.fixture})
@@ -154,11 +159,8 @@ class CheckerboardCell:
     ):
         seen_by = replace(station.cameras[camera], rig_registered=None)
         if not isinstance(seen_by.model, StereoRig):
-            raise InvalidInput(
-                f"camera {camera!r} of station {station.name!r}",
-                "is not a stereo pair, which a checkerboard needs",
-                "name another camera",
-            )
+            what = f"camera {camera!r} of station {station.name!r}"
+            raise InvalidInput(what, "is not a stereo pair, which a checkerboard needs", "name another camera")
         self._rig, self._T_world_camera = seen_by.model, seen_by.T_world_camera
         self._board, self._table_z_m = board, table_z_m
         self._world = World({}, {}, _CheckerboardWorld(board, table_z_m))
@@ -174,8 +176,7 @@ class CheckerboardCell:
         Raises:
             InvalidInput: the board is too large for it.
         """
-        width, height = self._board.size_m
-        rim = self._board.square_m
+        (width, height), rim = self._board.size_m, self._board.square_m
         corners = np.array([[x * (width / 2 + rim), y * (height / 2 + rim), 0.0] for x in (-1, 1) for y in (-1, 1)])
         rig, T_right_left = self._rig, self._rig.T_left_right.inverse()
         for _ in range(TRIES):
@@ -184,10 +185,7 @@ class CheckerboardCell:
             turn = SO3.exp(rng.uniform(-1.0, 1.0, 3) * TURN_RAD)
             T_left_board = SE3.from_parts(turn, depth * rays_through(rig.left, pixel))
             p_left = T_left_board.apply(corners)
-            in_view = all(
-                _inside(lens, project(lens, p))
-                for lens, p in ((rig.left, p_left), (rig.right, T_right_left.apply(p_left)))
-            )
+            in_view = _inside(rig.left, p_left) and _inside(rig.right, T_right_left.apply(p_left))
             T_world_board = self._T_world_camera @ T_left_board
             if in_view and T_world_board.apply(corners)[:, 2].min() > self._table_z_m + THICK_M:
                 return T_world_board
@@ -208,5 +206,53 @@ class CheckerboardCell:
         return image
 
 
-def _inside(lens: Intrinsics, pixels: NDArray[np.float64]) -> bool:
+def _inside(lens: Intrinsics, p_lens: NDArray[np.float64]) -> bool:
+    pixels = project(lens, p_lens)
     return bool(((pixels >= 0) & (pixels <= (lens.width - 1, lens.height - 1))).all())
+
+
+def record_motion(
+    session: Session,
+    arm: str,
+    rng: np.random.Generator,
+    box: MotionBox,
+    samples: int | None = None,
+    *,
+    wide: bool = False,
+) -> Recording:
+    """Return a calibration recording of this arm: the paper's random smooth motion, seen by noisy fiducials.
+
+    The joints are those of the cell's drive train at rest after each step of .8 s; the servos' error at rest is below a
+    thousandth of the cables' and left out (tested). Tracking the fiducials in images is not simulated; their noise is
+    that of the recordings. Before its first sample the wrist swings back and forth, which takes up the slack; those
+    rows are commands without a measurement.
+
+    Args:
+        session: with its transmissions.
+        arm: which arm.
+        rng: of the motion and the noise.
+        box: range of the motion.
+        samples: number of samples.
+        wide: the motion is the short one of wide swings.
+    """
+    model = session.station.arm(arm).model
+    path = wide_path(model, samples or WIDE_ROWS, box) if wide else random_smooth_path(model, rng, box=box)[:samples]
+    q_cmd = slack_taken_up(model, path)
+    train, joints = DriveTrain(session.transmissions[arm], q_cmd[0], rng), []
+    for q in q_cmd:
+        train.advance(SAMPLE_S)
+        joints.append(train.joints(q))
+    # The fiducials' measurement knows no other base than the registered one, so the joints are those that would put
+    # the tip where it is if the base were there: errors of registration are in the recording and in its model.
+    T_found_true = session.T_world_base_registered[arm].inverse() @ session.T_world_base[arm]
+    q_true = np.array(joints)
+    tips = T_found_true @ fk(session.models[arm], q_true)
+    measured = ik(model.widened(ROOM_RAD, ROOM_M), tips, reference=q_true)
+    measured = measured + session.transmissions[arm].measurement_sd * rng.standard_normal(q_cmd.shape)
+    return Recording(
+        q_cmd=q_cmd,
+        q_phy=measured,
+        valid=np.arange(len(q_cmd)) >= len(q_cmd) - len(path),
+        t_s=SAMPLE_S * np.arange(1.0, len(q_cmd) + 1.0),
+        name=f"simulated recording of {arm}",
+    )

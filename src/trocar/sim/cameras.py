@@ -9,15 +9,7 @@ import trio
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.lab import SensorFlaws, StationCamera
-from trocar.perception.image import (
-    CameraModel,
-    Image,
-    Intrinsics,
-    StereoImage,
-    StereoRig,
-    StereoWindow,
-    Window,
-)
+from trocar.perception.image import CameraModel, Image, Intrinsics, StereoImage, StereoRig, StereoWindow, Window
 from trocar.sim.appearance import Appearance
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
@@ -66,24 +58,23 @@ class CameraRenderer:
             InvalidInput: the window is for another kind of camera.
         """
         model, windows = self.read_out(window)
-        binning = window.binning if isinstance(window, StereoWindow) else 1
-        if binning not in self._binned:
-            self._binned[binning] = [lens.binned(binning) for lens in self.lenses]
-        lenses = [
-            lens if part is None else lens.cropped(data, *_divided(part, binning))
-            for lens, part in zip(self._binned[binning], windows, strict=True)
-        ]
+        by = window.binning if isinstance(window, StereoWindow) else 1
+        if by not in self._binned:
+            self._binned[by] = [lens.binned(by) for lens in self.lenses]
+        lenses = []
+        for lens, part in zip(self._binned[by], windows, strict=True):
+            if part is None:
+                lenses.append(lens)
+            else:
+                (u, v), (width, height) = part.corner_px, part.size_px
+                lenses.append(lens.cropped(data, (u // by, v // by), (width // by, height // by)))
         if isinstance(model, StereoRig):
             left, right = (lens.render_color(data, rng, gain) for lens, gain in zip(lenses, STEREO_GAINS, strict=True))
             return StereoImage(left, right, model, float(data.time))
         return lenses[0].render(data, rng)
 
     def read_out(self, window: Window | StereoWindow | None) -> tuple[CameraModel, list[Window | None]]:
-        """Return the camera that reads out only a window, and the window of each lens.
-
-        Raises:
-            InvalidInput: the window is for another kind of camera, or leaves the image.
-        """
+        """Return the camera that reads out only a window, and the window of each lens; refuse as ``image``."""
         if window is None:
             return self.model, [None] * len(self.lenses)
         if isinstance(self.model, StereoRig) and isinstance(window, StereoWindow):
@@ -92,12 +83,6 @@ class CameraRenderer:
             return self.model.cropped(window.corner_px, window.size_px), [window]
         kind = "a StereoWindow" if isinstance(self.model, StereoRig) else "a Window"
         raise InvalidInput(f"a camera of {len(self.lenses)} lens(es)", f"cannot read out {window!r}", f"give {kind}")
-
-
-def _divided(window: Window, by: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return corner and size of a window in binned pixels."""
-    (u, v), (width, height) = window.corner_px, window.size_px
-    return (u // by, v // by), (width // by, height // by)
 
 
 class SimCamera:

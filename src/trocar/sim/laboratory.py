@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -15,14 +14,14 @@ from trocar.cell import Cell, Result
 from trocar.lab import SensorFlaws, Station
 from trocar.lab.session import Session, draw_session
 from trocar.lab.transmission import DriveTrain
-from trocar.log import CellLog
+from trocar.log import CellLog, timed
 from trocar.robots import TICK_S, ArmGuard, Guarded, JointEstimator
+from trocar.robots.concurrency import cause_of
 from trocar.sim.cameras import CameraRenderer, SimCamera
-from trocar.sim.pace import Pace, Script, Stepping, Virtual, repeat_scheduling
-from trocar.sim.record import Record
-from trocar.sim.recorder import ContactMonitor, Recorder
+from trocar.sim.pace import Pace, Script, Stepping, repeat_scheduling
+from trocar.sim.record import ContactMonitor, Record, Recorder
 from trocar.sim.robot import SimRobot
-from trocar.sim.spec import Servo, Surface
+from trocar.sim.spec import Surface
 from trocar.sim.watchdog import Watchdog
 from trocar.sim.world import TaskWorld, World
 
@@ -44,16 +43,22 @@ class SimClock:
         await trio.sleep(seconds)
 
     async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
-        """Return the result and its real time; the clock counts the budget."""
-        begin = time.perf_counter()
-        result = function()
-        seconds = time.perf_counter() - begin
+        """Return the result and how long it computed; the clock counts the budget."""
+        result, seconds = timed(function)
         await trio.sleep(budget_s)
         return result, seconds
 
 
 class SimLaboratory:
-    """One simulated laboratory with a task's objects in it, ready to run scripts.
+    """One simulated laboratory with a task's objects in it, ready to run scripts; the arms are in their places.
+
+    Args:
+        session: the session.
+        task: what a task puts into the world; None: nothing.
+        rng: of cables and cameras.
+        flaws: of all cameras, in place of the station's.
+        surface: of the contacts; default: the usual surface.
+        listener: called with each event of the log.
 
     Attributes:
         session: the session; simulator truth.
@@ -72,53 +77,33 @@ class SimLaboratory:
         rng: np.random.Generator | None = None,
         *,
         flaws: SensorFlaws | None = None,
-        servo: Servo | None = None,
         surface: Surface | None = None,
         listener: Callable[[Mapping[str, object]], None] | None = None,
     ):
-        """Build the world and put the arms in their places.
-
-        Args:
-            session: the session.
-            task: what a task puts into the world; None: nothing.
-            rng: of cables and cameras.
-            flaws: of all cameras, in place of the station's.
-            servo: how the joints are driven; default: the usual servo.
-            surface: of the contacts; default: the usual surface.
-            listener: called with each event of the log.
-        """
         station, self.session, self.task = session.station, session, task or TaskWorld()
         self._ticks = 0
         cable_rng, camera_rng = (rng or np.random.default_rng(0)).spawn(2)
-        self.world = World(session.models, session.T_world_base, self.task, servo=servo, surface=surface)
+        self.world = World(session.models, session.T_world_base, self.task, surface=surface)
         self.driver = SimRobot(self.world, self.now_s)
         for name, arm in station.arms.items():
-            q_cmd = arm.park_q()
-            train = DriveTrain(session.transmissions[name], q_cmd, cable_rng)
-            jaw = session.jaws[name]
-            self.driver.attach_train(name, arm.model, arm.limits, train, q_cmd, arm.park_jaw_rad, jaw)
+            train = DriveTrain(session.transmissions[name], arm.park_q(), cable_rng)
+            self.driver.attach_train(name, arm, train, session.jaws[name])
         self.task.start(self.world)
         self.world.settle(REST_S)
         self.log = CellLog(self.now_s, listener=listener)
-        self.cameras = {
-            name: SimCamera(
-                self.world,
-                CameraRenderer(self.world.model, camera, session.T_world_camera[name], flaws),
-                camera.exposure_s,
-                camera_rng,
-            )
-            for name, camera in station.cameras.items()
-        }
+        self.cameras: dict[str, SimCamera] = {}
+        for name, camera in station.cameras.items():
+            renderer = CameraRenderer(self.world.model, camera, session.T_world_camera[name], flaws)
+            self.cameras[name] = SimCamera(self.world, renderer, camera.exposure_s, camera_rng)
         guards = {
             name: ArmGuard(arm.model, arm.limits, session.T_world_base_registered[name], arm.workspace_m)
             for name, arm in station.arms.items()
         }
-        guarded = Guarded(self.driver, guards, min_distance_m=station.min_distance_m, note=self.log.event)
-        self._guard = guarded
+        self._guard = Guarded(self.driver, guards, min_distance_m=station.min_distance_m, note=self.log.event)
         self._contacts = ContactMonitor(self.world)
-        self.recorder = Recorder(self.world, guarded)
+        self.recorder = Recorder(self.world, self._guard)
         self.cell = Cell(
-            robot=guarded,
+            robot=self._guard,
             cameras=self.cameras,
             arms=station.models,
             T_world_base_registered=session.T_world_base_registered,
@@ -139,9 +124,8 @@ class SimLaboratory:
 
     def wrap_robot(self, wrap: Callable[[Cell], Any]) -> Cell:
         """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
-        self.cell = replace(self.cell, robot=wrap(self.cell))
-        self.recorder.desired_of = self.cell.robot
-        robot = self.cell.robot
+        robot = self.recorder.desired_of = wrap(self.cell)
+        self.cell = replace(self.cell, robot=robot)
         if isinstance(robot, JointEstimator):
             self._guard.estimator = robot
         return self.cell
@@ -155,10 +139,8 @@ class SimLaboratory:
         self._observe()
 
     def _observe(self) -> None:
-        now = self.now_s()
-        self.recorder.observe(now)
-        self.task.observe(now)
-        self._contacts.observe(now)
+        for observer in (self.recorder, self.task, self._contacts):
+            observer.observe(self.now_s())
 
     def record(self) -> Record:
         """Return what has happened so far; simulator truth."""
@@ -182,22 +164,18 @@ class SimLaboratory:
             BaseException: whatever the script raises, without the groups that nurseries wrap it in; an interruption
                 takes precedence.
         """
-        clock = MockClock()
+        clock, ended = MockClock(), False
         repeat_scheduling()
         with Watchdog(self.now_s, lambda: self._nursery is not None and not self._ticking) as self._watchdog:
             try:
-                ended = trio.run(self._run, script, budget_s, pace or Virtual(), clock, clock=clock)
+                ended = trio.run(self._run, script, budget_s, pace, clock, clock=clock)
             except BaseException as error:
-                if self._watchdog.asked:
-                    raise self._interruption() from None
-                raise (_cause(error) if isinstance(error, BaseExceptionGroup) else error) from None
+                if not self._watchdog.asked:
+                    raise cause_of(error) from None
         if self._watchdog.asked:
-            raise self._interruption()
+            where = self._watchdog.where
+            raise KeyboardInterrupt(*([f"stopped in {where}, which let no time pass"] if where else []))
         return ended
-
-    def _interruption(self) -> KeyboardInterrupt:
-        where = self._watchdog.where if self._watchdog else ""
-        return KeyboardInterrupt(*([f"stopped in {where}, which let no time pass"] if where else []))
 
     def stepping(self, script: Script | None = None, budget_s: float = float("inf")) -> Stepping:
         """Return the cell to be stepped from outside; a context manager."""
@@ -214,7 +192,7 @@ class SimLaboratory:
         if self._nursery is not None:
             self._nursery.cancel_scope.cancel()
 
-    async def _run(self, script: Script, budget_s: float, pace: Pace, clock: MockClock) -> bool:
+    async def _run(self, script: Script, budget_s: float, pace: Pace | None, clock: MockClock) -> bool:
         ended = False
         async with trio.open_nursery() as outer:
             budget = trio.CancelScope(deadline=trio.current_time() + budget_s)
@@ -235,12 +213,13 @@ class SimLaboratory:
                 outer.cancel_scope.cancel()
         return ended
 
-    async def _turn(self, pace: Pace, clock: MockClock, latest_s: float) -> None:
+    async def _turn(self, pace: Pace | None, clock: MockClock, latest_s: float) -> None:
         """Run the clock: let every script run until it waits, then advance 10 ms; forever."""
         try:
             while True:
                 await wait_all_tasks_blocked()
-                await pace.wait(self.now_s())
+                if pace is not None:
+                    await pace.wait(self.now_s())
                 if self._watchdog is not None and self._watchdog.asked and self._nursery is not None:
                     self._nursery.cancel_scope.cancel()
                     latest_s = min(latest_s, clock.current_time() + GRACE_S)
@@ -259,16 +238,3 @@ class SimLaboratory:
 def simulated(station: Station, rng: np.random.Generator) -> SimLaboratory:
     """Return a simulated laboratory in a session drawn from the generator, with nothing on its table."""
     return SimLaboratory(draw_session(station, rng), rng=rng)
-
-
-def _cause(group: BaseExceptionGroup) -> BaseException:
-    """Return the relevant exception of a nursery's group: an interruption, or else the first."""
-    leaves: list[BaseException] = []
-    rest: list[BaseException] = [group]
-    while rest:
-        error = rest.pop(0)
-        if isinstance(error, BaseExceptionGroup):
-            rest.extend(error.exceptions)
-        else:
-            leaves.append(error)
-    return next((leaf for leaf in leaves if not isinstance(leaf, Exception)), leaves[0])

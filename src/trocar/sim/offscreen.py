@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -26,7 +27,6 @@ FAR = 3.2
 """Without a view defined by the task, the eye is this many times as far away as the motion is wide."""
 ROOM_M = 0.02
 """Least half-width of a picture; less would show only a tip."""
-
 
 WIDTH = 640
 """Width of a picture in pixels at scale 1."""
@@ -61,13 +61,11 @@ class OffscreenCamera:
     ):
         frame_m = handled(replay) if frame_m is None else frame_m
         view = view or overview(frame_m)
-        self._replay = replay
-        self._model = _spec(replay, colours or {}).compile()
+        self._replay, self._model = replay, _spec(replay, colours or {}).compile()
         self._data = mujoco.MjData(self._model)
         self._moving = [body for body, T in replay.T_world_body.items() if T.matrix.ndim == 3]
         T_world_camera, lens = framed(np.array(view.eye_m), frame_m, scale)
-        light = Light(ambient=AMBIENT, gain=view.gain)
-        flaws = replace(SensorFlaws.none(), shadow=True)
+        light, flaws = Light(ambient=AMBIENT, gain=view.gain), replace(SensorFlaws.none(), shadow=True)
         self._camera = RayCamera(self._model, lens, T_world_camera, LAMP_M, flaws, light)
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
@@ -83,12 +81,10 @@ class OffscreenCamera:
 
 def handled(replay: Replay) -> NDArray[np.float64]:
     """Return the positions (n, 3) in the world of free bodies and moving tips; if there are none, of everything."""
-    bodies = replay.T_world_body
+    bodies, tools = replay.T_world_body, tuple(replay.tools)
     paths = [tool.p_world_driven_m for tool in replay.tools.values()]
     moved = [path for path in paths if np.ptp(path, axis=0).max() > ROOM_M]
-    loose = [
-        T.translation_m for name, T in bodies.items() if T.matrix.ndim == 3 and not name.startswith((*replay.tools,))
-    ]
+    loose = [T.translation_m for name, T in bodies.items() if T.matrix.ndim == 3 and not name.startswith(tools)]
     points = np.concatenate([*moved, *loose] or paths or [T.matrix[None, :3, 3] for T in bodies.values()])
     middle = (points.max(axis=0) + points.min(axis=0)) / 2
     return np.concatenate([points, middle + ROOM_M * np.array([[-1, -1, -1], [1, 1, 1]])])
@@ -142,14 +138,12 @@ def overview(points_m: NDArray[np.float64]) -> Viewpoint:
 def _spec(replay: Replay, colours: Mapping[str, tuple[float, float, float]]) -> mujoco.MjSpec:
     """Return the replay's solids: what moves as free bodies, the rest fixed, on a table."""
     spec = mujoco.MjSpec()
-    spec.modelname = "replay"
     hulls: dict[bytes, str] = {}
     bodies: dict[str, mujoco.MjsBody] = {}
     for name, T in replay.T_world_body.items():
         if T.matrix.ndim == 3:
-            bodies[name] = spec.worldbody.add_body(
-                name=f"moving {name}", explicitinertial=True, mass=1, inertia=(1, 1, 1)
-            )
+            inertia = {"explicitinertial": True, "mass": 1, "inertia": (1, 1, 1)}
+            bodies[name] = spec.worldbody.add_body(name=f"moving {name}", **inertia)
             bodies[name].add_freejoint()
         else:
             bodies[name] = spec.worldbody.add_body(name=f"fixed {name}", **placed(T))
@@ -181,18 +175,15 @@ def _add_solid(
 
 def _floor_m(replay: Replay) -> float:
     """Return the height of the lowest fixed solid; if there is none, of the lowest tip."""
-    lowest = [
-        float((replay.T_world_body[s.body] @ s.T_body_solid).translation_m[2]) - max(s.size_m, default=0.0)
-        if s.shape in ("sphere", "capsule", "cylinder")
-        else _lowest_corner_m(replay, s)
-        for s in replay.solids
-        if s.body in replay.T_world_body and replay.T_world_body[s.body].matrix.ndim == 2
-    ]
+    fixed = {name: T for name, T in replay.T_world_body.items() if T.matrix.ndim == 2}
+    lowest = [_lowest_m(fixed[solid.body], solid) for solid in replay.solids if solid.body in fixed]
     tips = [float(tool.p_world_driven_m[:, 2].min()) for tool in replay.tools.values()]
     return min(lowest or tips or [0.0])
 
 
-def _lowest_corner_m(replay: Replay, solid: Solid) -> float:
-    signs = np.array([[(i >> k & 1) * 2 - 1 for k in range(3)] for i in range(8)])
-    corners = solid.vertices_m if solid.shape == "hull" else signs * np.array(solid.size_m)
-    return float((replay.T_world_body[solid.body] @ solid.T_body_solid).apply(corners)[:, 2].min())
+def _lowest_m(T_world_body: SE3, solid: Solid) -> float:
+    T_world_solid = T_world_body @ solid.T_body_solid
+    if solid.shape in ("sphere", "capsule", "cylinder"):
+        return float(T_world_solid.translation_m[2]) - max(solid.size_m)
+    corners = solid.vertices_m if solid.shape == "hull" else np.array([*product((-1, 1), repeat=3)]) * solid.size_m
+    return float(T_world_solid.apply(corners)[:, 2].min())

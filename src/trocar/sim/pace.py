@@ -25,27 +25,22 @@ Script = Callable[["Cell"], Awaitable[Any]]
 def repeat_scheduling() -> None:
     """Make scripts that are due together run in the same order whenever the same trial is run.
 
-    Trio shuffles them on purpose, and whichever takes an image first draws the camera's noise first. These are the
-    switches with which Hypothesis makes trio deterministic; trio has no public ones.
+    Trio reverses them at random on purpose, and whichever takes an image first draws the camera's noise first.
     """
+    # Private, and touched nowhere else: with these switches Hypothesis makes trio deterministic. Nothing public orders
+    # tasks: an instrument (`trio.abc.Instrument`) sees each one become due but cannot move it, a guest run
+    # (`trio.lowlevel.start_guest_run`) hands over whole batches, and one event or cancellation wakes several tasks
+    # whatever their checkpoints do. A test fails if trio renames them.
     _run._ALLOW_DETERMINISTIC_SCHEDULING = True  # type: ignore[misc]
     _run._r.seed(0)
 
 
 class Pace(Protocol):
-    """The pace of a cell; called before each tick."""
+    """How fast a cell's clock runs."""
 
     async def wait(self, now_s: float) -> None:
         """Return when the tick that begins at this time of the cell's clock may begin."""
         ...
-
-
-class Virtual:
-    """As fast as the machine computes; the same on every machine."""
-
-    async def wait(self, now_s: float) -> None:
-        """Return at once."""
-        del now_s
 
 
 class RealTime:
@@ -85,6 +80,10 @@ class Stepping:
         laboratory: the laboratory of the cell.
         script: runs beside the calls; None: none.
         budget_s: of the cell's clock.
+
+    Attributes:
+        cell: to read from between two steps.
+        over: whether the script or the budget has ended.
     """
 
     def __init__(self, laboratory: SimLaboratory, script: Script | None = None, budget_s: float = math.inf):
@@ -93,18 +92,8 @@ class Stepping:
         self._at_rest: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._calls: queue.SimpleQueue[Script] = queue.SimpleQueue()
         self._error: BaseException | None = None
-        self._left = self._over = False
+        self._left, self.over, self.cell = False, False, laboratory.cell
         self._thread = threading.Thread(target=self._run, daemon=True)
-
-    @property
-    def cell(self) -> Cell:
-        """Return the cell, to read from between two steps."""
-        return self._laboratory.cell
-
-    @property
-    def over(self) -> bool:
-        """Return whether the script or the budget has ended."""
-        return self._over
 
     def __enter__(self) -> Stepping:
         self._thread.start()
@@ -112,7 +101,7 @@ class Stepping:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if not self._over:
+        if not self.over:
             self._may_tick.put(False)
         self._thread.join()
 
@@ -127,7 +116,7 @@ class Stepping:
             BaseException: whatever a script raised.
         """
         for _ in range(max(1, round(seconds / TICK_S))):
-            if not self._over:
+            if not self.over:
                 self._may_tick.put(True)
                 self._at_rest.get()
             if self._error is not None:
@@ -151,7 +140,7 @@ class Stepping:
             self._laboratory.run(self._script or _for_ever, self._budget_s, pace=self)
         except BaseException as error:
             self._error = error
-        self._over = True
+        self.over = True
         self._at_rest.put(None)
 
 

@@ -6,7 +6,6 @@ import copy
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import NamedTuple
 
 import cv2
 import mujoco
@@ -53,13 +52,10 @@ class RayCamera:
     ):
         if T_world_camera.matrix.shape != (4, 4) or not np.isfinite(T_world_camera.matrix).all():
             raise InvalidInput("T_world_camera of a camera", "is not one finite pose (4, 4)", "give one")
-        self.model = model
-        self.intrinsics = intrinsics
-        self.T_world_camera = T_world_camera
-        self._lamp_m = np.asarray(lamp_m, dtype=np.float64)
+        self.model, self.intrinsics, self.T_world_camera = model, intrinsics, T_world_camera
+        self._lamp_m, self._finish = np.asarray(lamp_m, dtype=np.float64), finish
         self.flaws = SensorFlaws() if flaws is None else flaws
         self.light = Light() if light is None else light
-        self._finish = finish
         R = T_world_camera.rotation.matrix
         self._T_world_projector = SE3.from_parts(T_world_camera.rotation, T_world_camera.apply(self._lamp_m))
         self._rays, self._raster, self._cell = _pixels(intrinsics)
@@ -72,8 +68,8 @@ class RayCamera:
         self._groups = np.array(VISIBLE_GROUPS, dtype=np.uint8)
         self._fixed_model = copy.copy(model)
         self._fixed_model.geom_group[~fixed] = HIDDEN_GROUP
-        self._fixed: dict[bool, _Fixed] = {}  # with the projector's shadows, and without
-        self._lamp_map: _ProjectorMap | None = None
+        self._fixed: dict[bool, _View] = {}  # with the projector's shadows, and without
+        self._lamp_map: tuple[_Raster, NDArray[np.intp]] | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -93,36 +89,27 @@ class RayCamera:
             corner_px: (u, v) of the rectangle's first pixel.
             size_px: (width, height).
         """
-        lens = self.intrinsics.cropped(corner_px, size_px)
-        (u, v), (width, height) = corner_px, size_px
-        whole = self.size
+        (u, v), (width, height), whole = corner_px, size_px, self.size
 
         def part(values: NDArray) -> NDArray:
             rectangle = values.reshape(*whole, *values.shape[1:])[v : v + height, u : u + width]
             return rectangle.reshape(-1, *values.shape[1:])
 
         camera = copy.copy(self)
-        camera.intrinsics = lens
+        camera.intrinsics = self.intrinsics.cropped(corner_px, size_px)
         camera._rays, camera._rays_world = part(self._rays), part(self._rays_world)
         camera._raster, camera._cell = self._raster.part(part(self._cell))
         shadow = self.flaws.shadow
-        camera._fixed = {shadow: self._fixed_seen(data, shadow, part(np.arange(len(self._rays)))).parts(part)}
+        camera._fixed = {shadow: self._fixed_seen(data, shadow, part(np.arange(len(self._rays)))).each(part)}
         camera._lamp_map = None
         return camera
 
     def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
         """Return the image as delivered by the sensor with its flaws, which ``rng`` draws."""
-        view = self._view(data, shadow=self.flaws.shadow)
-        shape = self.size
-        depth, color = apply_flaws(
-            self.flaws,
-            view.depth.reshape(shape),
-            view.color.reshape(*shape, 3),
-            view.cosine.reshape(shape),
-            view.lit.reshape(shape),
-            view.mirror.reshape(shape),
-            rng,
-        )
+        view, shape = self._view(data, shadow=self.flaws.shadow), self.size
+        exact, cosine = view.depth.reshape(shape), view.cosine.reshape(shape)
+        lit, mirror = view.lit.reshape(shape), view.mirror.reshape(shape)
+        depth, color = apply_flaws(self.flaws, exact, view.color.reshape(*shape, 3), cosine, lit, mirror, rng)
         return RgbdImage(color, depth, self.intrinsics, float(data.time))
 
     def render_color(self, data: mujoco.MjData, rng: np.random.Generator, gain: float = 1.0) -> NDArray[np.uint8]:
@@ -132,96 +119,79 @@ class RayCamera:
 
     def render_exact(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
         """Return depth (h, w) in m, geom ids (h, w) and colour (h, w, 3); NaN and -1 where nothing is hit."""
-        view = self._view(data, shadow=False)
-        shape = self.size
+        view, shape = self._view(data, shadow=False), self.size
         color = np.rint(view.color * 255).astype(np.uint8)
         return view.depth.reshape(shape), view.geom.reshape(shape), color.reshape(*shape, 3)
 
     def _view(self, data: mujoco.MjData, shadow: bool) -> _View:
         """Return what the pixels see: fixed objects are cached, only what may have moved is cast and shaded."""
         fixed = self._fixed_seen(data, shadow)
-        view = fixed.view.copy()
+        view = fixed.each(np.copy)
         covered = self._raster.covered(self.model, data, self._moving, self.T_world_camera)[self._cell]
         active = np.flatnonzero(covered)
-        view.depth[active], view.geom[active], normal = self._cast(
-            self.model, data, self.T_world_camera.translation_m, self._rays_world[active]
-        )
+        self._see(view, self.model, data, active)
         if shadow:
-            lamp = self._projector_map(fixed)
-            dark = lamp.raster.covered(self.model, data, self._moving, self._T_world_projector)
-            shaded = np.flatnonzero(dark[lamp.cell] & ~covered & fixed.view.lit)
-            active = np.concatenate([active, shaded])
-            normal = np.concatenate([normal, fixed.normal_world[shaded]])
-            view.lit[active] = self._lit(self.model, data, view.depth[active], normal, active)
-        else:
-            view.lit[active] = np.isfinite(view.depth[active])
-        self._shade(view, data, active, normal)
+            raster, cell = self._projector_map(fixed)
+            dark = raster.covered(self.model, data, self._moving, self._T_world_projector)
+            active = np.concatenate([active, np.flatnonzero(dark[cell] & ~covered & fixed.lit)])
+        self._shade(view, self.model, data, active, shadow)
         return view
 
-    def _shade(
-        self, view: _View, data: mujoco.MjData, pixels: NDArray[np.intp], normal_world: NDArray[np.float64]
-    ) -> None:
-        """Fill in colour, mirroring and incidence of these pixels."""
-        normal = normal_world @ np.ascontiguousarray(self.T_world_camera.rotation.matrix)
-        rays = self._rays[pixels]
-        view.color[pixels], view.mirror[pixels] = shade(
-            self.model, rays, view.depth[pixels], view.geom[pixels], normal, view.lit[pixels], self._lamp_m, self.light
-        )
-        if self._finish is not None:
-            eye = self.T_world_camera
-            points = np.nan_to_num(rays * view.depth[pixels, None]) @ np.ascontiguousarray(eye.rotation.matrix.T)
-            points += eye.translation_m
-            lamp = self._T_world_projector.translation_m
-            sight = Sight(view.geom[pixels], points, normal_world, eye.translation_m, lamp, view.lit[pixels])
-            view.color[pixels] = self._finish.apply(data, view.color[pixels], sight)
-        view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
-
-    def _fixed_seen(self, data: mujoco.MjData, shadow: bool, pixels: NDArray[np.intp] | None = None) -> _Fixed:
+    def _fixed_seen(self, data: mujoco.MjData, shadow: bool, pixels: NDArray[np.intp] | None = None) -> _View:
         """Return what these pixels (or all) see of fixed objects; each pixel is cast only once."""
         if shadow not in self._fixed:
-            self._fixed[shadow] = _Fixed.unseen(len(self._rays))
+            self._fixed[shadow] = _View.unseen(len(self._rays))
         fixed = self._fixed[shadow]
-        new = np.flatnonzero(~fixed.seen) if pixels is None else pixels[~fixed.seen[pixels]]
+        new = np.flatnonzero(~fixed.cast) if pixels is None else pixels[~fixed.cast[pixels]]
         if len(new):
-            view, origin = fixed.view, self.T_world_camera.translation_m
-            view.depth[new], view.geom[new], normal = self._cast(self._fixed_model, data, origin, self._rays_world[new])
-            depth = view.depth[new]
-            view.lit[new] = self._lit(self._fixed_model, data, depth, normal, new) if shadow else np.isfinite(depth)
-            self._shade(view, data, new, normal)
-            fixed.normal_world[new], fixed.seen[new] = normal, True
+            self._see(fixed, self._fixed_model, data, new)
+            self._shade(fixed, self._fixed_model, data, new, shadow)
         return fixed
 
-    def _projector_map(self, fixed: _Fixed) -> _ProjectorMap:
-        """Return the projector's map of fixed objects; all pixels have been cast by then."""
+    def _see(self, view: _View, model: mujoco.MjModel, data: mujoco.MjData, pixels: NDArray[np.intp]) -> None:
+        """Fill in what these pixels' rays meet."""
+        view.depth[pixels], view.geom[pixels], view.normal_world[pixels] = self._cast(
+            model, data, self.T_world_camera.translation_m, self._rays_world[pixels]
+        )
+        view.cast[pixels] = True
+
+    def _shade(
+        self, view: _View, model: mujoco.MjModel, data: mujoco.MjData, pixels: NDArray[np.intp], shadow: bool
+    ) -> None:
+        """Fill in light, colour, mirroring and incidence of these pixels."""
+        depth, geom, normal_world = view.depth[pixels], view.geom[pixels], view.normal_world[pixels]
+        lit = self._lit(model, data, depth, normal_world, pixels) if shadow else np.isfinite(depth)
+        R = self.T_world_camera.rotation.matrix
+        normal, rays = normal_world @ np.ascontiguousarray(R), self._rays[pixels]
+        color, mirror = shade(self.model, rays, depth, geom, normal, lit, self._lamp_m, self.light)
+        if self._finish is not None:
+            eye_m, lamp_m = self.T_world_camera.translation_m, self._T_world_projector.translation_m
+            points = np.nan_to_num(rays * depth[:, None]) @ np.ascontiguousarray(R.T)
+            points += eye_m
+            color = self._finish.apply(data, color, Sight(geom, points, normal_world, eye_m, lamp_m, lit))
+        view.lit[pixels], view.color[pixels], view.mirror[pixels] = lit, color, mirror
+        view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
+
+    def _projector_map(self, fixed: _View) -> tuple[_Raster, NDArray[np.intp]]:
+        """Return a map of where the projector shines on fixed objects, and the cell (n,) in it of what pixels see.
+
+        All pixels have been cast by then.
+        """
         if self._lamp_map is None:
-            depth, lit = fixed.view.depth, fixed.view.lit
-            rays = self._rays * np.where(np.isfinite(depth), depth, 1.0)[:, None] - self._lamp_m
-            raster = _Raster(rays[lit] if lit.any() else self._rays, self.intrinsics.fx)
-            self._lamp_map = _ProjectorMap(raster, raster.index(rays))
+            rays = self._rays * np.where(np.isfinite(fixed.depth), fixed.depth, 1.0)[:, None] - self._lamp_m
+            raster = _Raster(rays[fixed.lit] if fixed.lit.any() else self._rays, self.intrinsics.fx)
+            self._lamp_map = raster, raster.index(rays)
         return self._lamp_map
 
     def _cast(
         self, model: mujoco.MjModel, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        """Return distances (n,) in lengths of their rays, geoms (n,) and normals (n, 3): NaN, -1 and 0 for nothing."""
         count = len(rays)
-        geom = np.full(count, -1, dtype=np.int32)
-        distance = np.full(count, -1.0)
-        normal = np.zeros(3 * count)
+        geom, distance, normal = np.full(count, -1, dtype=np.int32), np.full(count, -1.0), np.zeros(3 * count)
         if count:
-            mujoco.mj_multiRay(
-                model,
-                data,
-                origin,
-                np.ascontiguousarray(rays).ravel(),
-                self._groups,
-                True,
-                -1,
-                geom,
-                distance,
-                normal,
-                count,
-                mujoco.mjMAXVAL,
-            )
+            flat, groups, far = np.ascontiguousarray(rays).ravel(), self._groups, mujoco.mjMAXVAL
+            mujoco.mj_multiRay(model, data, origin, flat, groups, True, -1, geom, distance, normal, count, far)
         distance[distance < 0] = np.nan
         return distance, geom, normal.reshape(-1, 3)
 
@@ -244,53 +214,28 @@ class RayCamera:
         return lit
 
 
-@dataclass
+@dataclass(frozen=True)
 class _View:
-    """What each pixel (n,) sees: depth, geom id, colour (n, 3), mirroring, cosine of incidence, whether lit."""
+    """What each pixel (n,) sees, whether that is lit, and whether its ray was cast; normal and colour are (n, 3)."""
 
     depth: NDArray[np.float64]
     geom: NDArray[np.int32]
+    normal_world: NDArray[np.float64]
     color: NDArray[np.float32]
     mirror: NDArray[np.float32]
     cosine: NDArray[np.float32]
     lit: NDArray[np.bool_]
-
-    def copy(self) -> _View:
-        return _View(*(getattr(self, field.name).copy() for field in fields(self)))
-
-    def parts(self, part: Callable[[NDArray], NDArray]) -> _View:
-        return _View(*(part(getattr(self, field.name)) for field in fields(self)))
-
-
-@dataclass(frozen=True)
-class _Fixed:
-    """The fixed objects: what is seen, the normals (n, 3), and which pixels (n,) have been cast so far."""
-
-    view: _View
-    normal_world: NDArray[np.float64]
-    seen: NDArray[np.bool_]
+    cast: NDArray[np.bool_]
 
     @staticmethod
-    def unseen(count: int) -> _Fixed:
-        view = _View(
-            np.full(count, np.nan),
-            np.full(count, -1, np.int32),
-            np.zeros((count, 3), np.float32),
-            np.zeros(count, np.float32),
-            np.zeros(count, np.float32),
-            np.zeros(count, bool),
-        )
-        return _Fixed(view, np.zeros((count, 3)), np.zeros(count, bool))
+    def unseen(n: int) -> _View:
+        color, mirror, cosine = (np.zeros(shape, np.float32) for shape in ((n, 3), n, n))
+        geom, normal = np.full(n, -1, np.int32), np.zeros((n, 3))
+        return _View(np.full(n, np.nan), geom, normal, color, mirror, cosine, np.zeros(n, bool), np.zeros(n, bool))
 
-    def parts(self, part: Callable[[NDArray], NDArray]) -> _Fixed:
-        return _Fixed(self.view.parts(part), part(self.normal_world), part(self.seen))
-
-
-class _ProjectorMap(NamedTuple):
-    """A map of where the projector shines, and the cell (n,) in it of what each pixel sees."""
-
-    raster: _Raster
-    cell: NDArray[np.intp]
+    def each(self, change: Callable[[NDArray], NDArray]) -> _View:
+        """Return the view with each of its arrays changed."""
+        return _View(*(change(getattr(self, field.name)) for field in fields(self)))
 
 
 class _Raster:
@@ -302,10 +247,9 @@ class _Raster:
     def __init__(self, rays: NDArray[np.float64], focal_px: float):
         """Make the map that contains these directions (n, 3), in cells of some pixels at that focal length."""
         self.scale = focal_px / self.CELL_PIXELS
-        flat = rays[:, :2] / rays[:, 2:]
-        self.lower = flat.min(0) - self.MARGIN_CELLS / self.scale
-        upper = flat.max(0) + self.MARGIN_CELLS / self.scale
-        rows, columns = np.ceil((upper - self.lower) * self.scale).astype(int)[::-1] + 2
+        flat, margin = rays[:, :2] / rays[:, 2:], self.MARGIN_CELLS / self.scale
+        self.lower = flat.min(0) - margin
+        rows, columns = np.ceil((flat.max(0) + margin - self.lower) * self.scale).astype(int)[::-1] + 2
         self.shape = (int(rows), int(columns))
 
     def part(self, cells: NDArray[np.intp]) -> tuple[_Raster, NDArray[np.intp]]:
@@ -316,12 +260,9 @@ class _Raster:
         if not inside.any():
             return self, cells
         top, left = (max(0, int(at[inside].min()) - self.MARGIN_CELLS) for at in (row, column))
+        bottom, right = (int(at[inside].max()) + 1 + self.MARGIN_CELLS for at in (row, column))
         smaller = copy.copy(self)
-        smaller.lower = self.lower + np.array([left, top]) / self.scale
-        smaller.shape = (
-            int(row[inside].max()) + 1 + self.MARGIN_CELLS - top,
-            int(column[inside].max()) + 1 + self.MARGIN_CELLS - left,
-        )
+        smaller.lower, smaller.shape = self.lower + np.array([left, top]) / self.scale, (bottom - top, right - left)
         numbers = (row - top) * smaller.shape[1] + column - left
         return smaller, np.where(outside, smaller.shape[0] * smaller.shape[1], numbers)
 

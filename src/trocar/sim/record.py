@@ -1,25 +1,34 @@
-"""What happened in a simulated cell, tick by tick. Simulator truth, for referees, files and replays."""
+"""What happened in a simulated cell, tick by tick: arms, bodies, and collisions, each counted once. Simulator truth."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.geometry import SE3
+from trocar.arms import fk
+from trocar.cell import Robot
+from trocar.geometry import SE3, SO3
+from trocar.replay import Solid
+from trocar.sim.spec import SHAPES
+
+if TYPE_CHECKING:
+    from trocar.sim.world import World
+
+KINDS = ("desired", "commanded", "measured", "true")
+COLLISION_N = 0.5
+"""A touch with less force than this is sliding, not a collision; .5 N does not visibly bend a peg (assumed)."""
+APART_S = 0.2
+"""A touch that recurs within this time is the same collision."""
+VISIBLE_GROUPS = (0, 1, 2)
 
 
 class CollidingPair(NamedTuple):
-    """Who collides with what.
-
-    Attributes:
-        arm: name of the arm.
-        what: ``arm``, or what it holds.
-        against: the other arm's name, or the object that is hit.
-    """
+    """Who collides with what: name of the arm; ``arm``, or what it holds; the other arm, or the object that is hit."""
 
     arm: str
     what: str
@@ -28,14 +37,14 @@ class CollidingPair(NamedTuple):
 
 @dataclass(frozen=True)
 class Collision:
-    """One collision of an arm or of what it holds.
+    """One collision of a ``CollidingPair``.
 
     Attributes:
         time_s: when it began, on the trial's clock.
         end_s: when it ended.
-        arm: name of the arm.
-        what: ``arm``, or what it holds.
-        against: another arm's name, or the object that is hit.
+        arm: as in the pair.
+        what: likewise.
+        against: likewise.
         force_n: largest force while it lasted.
         p_world_m: where that was.
     """
@@ -66,3 +75,129 @@ class Record:
     T_world_body: Mapping[str, SE3]
     T_world_tip: Mapping[str, SE3]
     collisions: tuple[Collision, ...]
+
+
+class Recorder:
+    """Samples a world and its robot at each tick.
+
+    Attributes:
+        desired_of: the outermost robot, whose set-points are what the script asked for.
+    """
+
+    def __init__(self, world: World, robot: Robot):
+        self._world, self._robot = world, robot
+        self.desired_of: Robot = robot
+        self._times: list[float] = []
+        self._free: list[NDArray[np.float64]] = []
+        self._rows: dict[str, dict[str, list[NDArray[np.float64]]]] = {
+            name: {kind: [] for kind in KINDS} for name in world.arm_names
+        }
+
+    def observe(self, time_s: float) -> None:
+        """Take one sample."""
+        world = self._world
+        self._times.append(time_s)
+        self._free.append(world.free_poses().copy())
+        for name, rows in self._rows.items():
+            reading, jaw = self._robot.read(name), world.jaw_rad(name)
+            rows["desired"].append(np.append(self.desired_of.setpoint(name).q, jaw))
+            rows["commanded"].append(np.append(self._robot.setpoint(name).q, jaw))
+            rows["measured"].append(np.append(reading.q, reading.jaw_rad))
+            rows["true"].append(np.append(world.joints(name), jaw))
+
+    def record(self, collisions: tuple[Collision, ...]) -> Record:
+        """Return the record so far."""
+        joints, bases = self.joints("true"), self._world.T_world_base
+        bodies = {
+            body: SE3.from_parts(SO3.from_quaternion(rows[:, 3:]), rows[:, :3])
+            for body, rows in self.free_poses().items()
+        }
+        tips = {name: bases[name] @ fk(arm, joints[name][:, :6]) for name, arm in self._world.models.items()}
+        return Record(np.array(self._times), joints, bodies, tips, collisions)
+
+    def joints(self, kind: str) -> dict[str, NDArray[np.float64]]:
+        """Return (n, 7) joints and jaw of each arm: ``desired``, ``commanded``, ``measured`` or ``true``."""
+        return {name: np.array(rows[kind]).reshape(-1, 7) for name, rows in self._rows.items()}
+
+    def free_poses(self) -> dict[str, NDArray[np.float64]]:
+        """Return positions and quaternions wxyz (n, 7) of each free body."""
+        poses = np.array(self._free).reshape(len(self._times), -1, 7)
+        return {body: poses[:, k] for k, body in enumerate(self._world.free_bodies)}
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
+        """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz."""
+        arrays = {f"{kind}_{name}": rows for kind in KINDS for name, rows in self.joints(kind).items()}
+        return arrays | {f"body_{body}": rows for body, rows in self.free_poses().items()}
+
+
+class ContactMonitor:
+    """Collects collisions: contacts that a world's task counts, and all between two arms."""
+
+    def __init__(self, world: World):
+        self._world = world
+        self._last: dict[CollidingPair, Collision] = {}
+        self._earlier: list[Collision] = []
+
+    def observe(self, time_s: float) -> None:
+        """Take in the contacts of this tick."""
+        world, data, names = self._world, self._world.data, self._world.arm_names
+        pairs = data.contact.geom[: data.ncon]
+        for contact in range(len(pairs)):
+            first, second = int(pairs[contact, 0]), int(pairs[contact, 1])
+            a, b = int(world.geom_arm[first]), int(world.geom_arm[second])
+            between_arms = a >= 0 and b >= 0
+            pair = CollidingPair(names[a], "arm", names[b]) if between_arms else world.task.collision(first, second)
+            if pair is None:
+                continue
+            force = np.zeros(6)
+            mujoco.mj_contactForce(world.model, data, contact, force)
+            if force[0] > COLLISION_N and world.task.counts(pair, data.contact.frame[contact][:3]):
+                x, y, z = np.round(data.contact.pos[contact], 6).tolist()
+                self._add(pair, Collision(time_s, time_s, *pair, float(force[0]), (x, y, z)))
+
+    def _add(self, pair: CollidingPair, now: Collision) -> None:
+        """Prolong this pair's last collision, or begin another one if they were apart."""
+        last = self._last.get(pair)
+        if last is None or now.time_s - last.end_s > APART_S:
+            self._earlier += [] if last is None else [last]
+            self._last[pair] = now
+        else:
+            strongest = now if now.force_n > last.force_n else last
+            self._last[pair] = replace(strongest, time_s=last.time_s, end_s=now.end_s)
+
+    def collisions(self) -> tuple[Collision, ...]:
+        """Return all so far, in order of time."""
+        found = [
+            replace(c, time_s=round(c.time_s, 6), end_s=round(c.end_s, 6), force_n=round(c.force_n, 3))
+            for c in (*self._earlier, *self._last.values())
+        ]
+        return tuple(sorted(found, key=lambda c: (c.time_s, c.arm, c.against)))
+
+
+def solids_of(world: World) -> tuple[Solid, ...]:
+    """Return everything visible in a world, except planes."""
+    model, found = world.model, []
+    for g in range(model.ngeom):
+        geom = model.geom(g)
+        shape = _SHAPES.get(int(geom.type[0]))
+        if shape is None or int(geom.group[0]) not in VISIBLE_GROUPS:
+            continue
+        T = SE3.from_parts(SO3.from_quaternion(geom.quat), geom.pos)
+        body, vertices = model.body(int(geom.bodyid[0])).name, np.zeros((0, 3))
+        if shape == "hull":
+            mesh = int(geom.dataid[0])
+            start, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+            vertices = model.mesh_vert[start : start + count].astype(np.float64)
+        size = tuple(geom.size[: _SIZES[shape]].tolist())
+        found.append(Solid(body, shape, size, T, tuple(geom.rgba.tolist()), vertices))  # type: ignore[arg-type]
+    return tuple(found)
+
+
+def fixed_poses(world: World) -> dict[str, SE3]:
+    """Return the poses of the bodies that are welded to the world, including the world itself."""
+    fixed = np.flatnonzero(world.model.body_weldid == 0)
+    return {name: world.pose(name) for name in (world.model.body(b).name for b in fixed)}
+
+
+_SHAPES = {int(shape): name for name, shape in SHAPES.items()}
+_SIZES = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2, "hull": 0}

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import JointReading
+from trocar.lab import StationArm
 from trocar.lab.transmission import DriveTrain, JawCable
 from trocar.robots.driver import TICK_S, Driver
 from trocar.sim.spec import TIMESTEP_S
@@ -31,23 +31,13 @@ class SimRobot(Driver):
         self._jaws: dict[str, tuple[JawCable, float]] = {}
         self._silent: set[str] = set()
 
-    def attach_train(
-        self,
-        name: str,
-        model: ArmModel,
-        limits: MotionLimits,
-        train: DriveTrain,
-        q_cmd: NDArray[np.float64],
-        jaw_rad: float,
-        jaw: JawCable | None = None,
-    ) -> None:
-        """Put an arm at rest at the command (6,); from now on its transmission and its jaws' cable move it."""
+    def attach_train(self, name: str, arm: StationArm, train: DriveTrain, cable: JawCable) -> None:
+        """Park an arm of a station; from now on its transmission and its jaws' cable move it."""
+        q_cmd, jaw_rad = arm.park_q(), arm.park_jaw_rad
         q_joint = train.joints(q_cmd)
-        cable = jaw or JawCable()
-        self._jaws[name] = cable, jaw_rad
         self._world.place_arm(name, q_joint, jaw_rad + cable.offset_rad)
-        self.attach(name, model, limits, q_cmd, jaw_rad)
-        self._trains[name], self._pulled[name] = train, q_joint
+        self.attach(name, arm.model, arm.limits, q_cmd, jaw_rad)
+        self._trains[name], self._pulled[name], self._jaws[name] = train, q_joint, (cable, jaw_rad)
 
     def silence(self, name: str, silent: bool = True) -> None:
         """Stop an arm's readings, as a lost connection does; it still follows its set-points."""
@@ -64,15 +54,12 @@ class SimRobot(Driver):
                 if step == 0 or not idle:
                     self._pull(name, q[step], float(jaw[step]), TICK_S if idle else SERVO_S)
             self._world.step(SERVO_STEPS)
-        now = float(times[-1])
-        self.note(
-            now,
-            {
-                name: JointReading(now, sent[name][0][-1].copy(), self._jaw_reading(name))
-                for name in self.names
-                if name not in self._silent
-            },
-        )
+        now, readings = float(times[-1]), {}
+        for name in self.names:
+            if name not in self._silent:  # an encoder does not see the offset of the jaws' cable
+                jaw_rad = self._world.jaw_rad(name) - self._jaws[name][0].offset_rad
+                readings[name] = JointReading(now, sent[name][0][-1].copy(), jaw_rad)
+        self.note(now, readings)
 
     def _pull(self, name: str, q_cmd: NDArray[np.float64], jaw_rad: float, over_s: float) -> None:
         """Set the servos' targets to where the transmission holds the joints after the next command."""
@@ -83,7 +70,3 @@ class SimRobot(Driver):
         pulled_rad, followed = cable.step(followed, jaw_rad)
         self._jaws[name] = cable, followed
         self._world.drive_arm(name, target, velocity, pulled_rad)
-
-    def _jaw_reading(self, name: str) -> float:
-        """Return the jaws' opening as read by their encoder, which does not see the offset of the cable."""
-        return self._world.jaw_rad(name) - self._jaws[name][0].offset_rad

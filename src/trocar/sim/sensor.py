@@ -54,12 +54,12 @@ def shade(
 
     Args:
         model: for the colours of geoms and materials.
-        rays: (n, 3) in the camera frame, z = 1.
+        rays: (n, 3) in the camera frame, z = 1; there too: outward ``normal`` (n, 3) and ``projector_m`` (3,).
         depth_m: (n,), NaN where nothing was hit.
         geom: (n,) ids, -1 for nothing.
-        normal: (n, 3) outward, in the camera frame.
+        normal: see ``rays``.
         lit: (n,) whether the projector reaches the point.
-        projector_m: (3,) in the camera frame.
+        projector_m: see ``rays``.
         light: its power.
     """
     albedo = model.geom_rgba[:, :3].astype(np.float32)

@@ -12,7 +12,7 @@ from mujoco import mjtGeom, mjtJoint
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ArmModel, frames
-from trocar.arms.parts import STEEL, Part, parts_of
+from trocar.arms.solids import STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
 from trocar.perception.fiducials import COLORS, Fixture
 
@@ -69,6 +69,10 @@ class Servo:
         return tuple(2.0 * float(np.sqrt(k * m)) for k, m in zip(self.stiffness, self.inertia, strict=True))
 
 
+SERVO = Servo()
+"""That of every simulated arm."""
+
+
 @dataclass(frozen=True)
 class Surface:
     """Contact of the solids: dry printed ABS, serrated jaws (assumed).
@@ -91,20 +95,18 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class CellArms:
-    """The arms of a cell, as the simulator needs them.
+    """The arms of a cell by name, as the simulator needs them.
 
     Attributes:
-        models: by name.
-        T_world_base: true pose of each arm's base.
-        servo: how the joints are driven.
+        models: of the arms.
+        T_world_base: true poses of their bases.
         surface: contact parameters.
-        fixtures: spheres for calibration, by the arm whose instrument carries them.
-        q_start: joints (6,) of an arm in MuJoCo's state as loaded; zero if it has none.
+        fixtures: spheres for calibration on their instruments.
+        q_start: joints (6,) in MuJoCo's state as loaded; zero if not given.
     """
 
     models: Mapping[str, ArmModel]
     T_world_base: Mapping[str, SE3]
-    servo: Servo = field(default_factory=Servo)
     surface: Surface = field(default_factory=Surface)
     fixtures: Mapping[str, Fixture] = field(default_factory=dict)
     q_start: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
@@ -146,25 +148,19 @@ def _empty_spec(surface: Surface, sleeps: bool) -> mujoco.MjSpec:
     spec.modelname = "trocar"
     spec.compiler.degree = False
     option = spec.option
-    option.timestep = TIMESTEP_S
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.timestep, option.impratio, option.noslip_iterations = TIMESTEP_S, 10, 3
+    option.integrator, option.solver = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, mujoco.mjtSolver.mjSOL_NEWTON
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10
-    option.noslip_iterations = 3
-    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     if sleeps:
         option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
     geom = spec.default.geom
-    geom.solref = surface.solref
-    geom.solimp[:3] = surface.solimp
+    geom.solref, geom.solimp[:3], geom.condim, geom.density = surface.solref, surface.solimp, 4, 1000
     geom.friction = (surface.abs_friction, *surface.patch_m)
-    geom.condim = 4
-    geom.density = 1000
     return spec
 
 
 def _add_arm(spec: mujoco.MjSpec, arms: CellArms, name: str, bits: Mapping[str, int]) -> None:
-    arm, servo, q_start = arms.models[name], arms.servo, arms.q_start.get(name, np.zeros(6))
+    arm, q_start = arms.models[name], arms.q_start.get(name, np.zeros(6))
     at_start = frames(arm, q_start)
     body = spec.worldbody.add_body(name=f"{name}_base", gravcomp=1, **placed(arms.T_world_base[name]))
     links = []
@@ -177,7 +173,7 @@ def _add_arm(spec: mujoco.MjSpec, arms: CellArms, name: str, bits: Mapping[str, 
             axis=(0, 0, 1),
             range=digits((joint.lower, joint.upper)),
             ref=float(digits(q_start[index])),
-            armature=servo.inertia[index],
+            armature=SERVO.inertia[index],
         )
         links.append(body)
     for part in parts_of(arm):
@@ -186,7 +182,7 @@ def _add_arm(spec: mujoco.MjSpec, arms: CellArms, name: str, bits: Mapping[str, 
         _add_finger(spec, links[5], arms, name, side, bits)
     if name in arms.fixtures:
         _add_fixture(links[3], links[5], name, arm, arms.fixtures[name], bits)
-    _add_drives(spec, servo, name, arm)
+    _add_drives(spec, name, arm)
 
 
 def _inertia(mass: float, moment: float, x_m: float = 0.0) -> dict[str, Any]:
@@ -207,7 +203,7 @@ def _add_finger(
     spec: mujoco.MjSpec, yaw: mujoco.MjsBody, arms: CellArms, name: str, side: int, bits: Mapping[str, int]
 ) -> None:
     """Attach a finger, left (1) or right (-1), with its marks, to the yaw link."""
-    arm, servo, which = arms.models[name], arms.servo, "left" if side > 0 else "right"
+    arm, which = arms.models[name], "left" if side > 0 else "right"
     shape, label = arm.instrument, f"{name}_finger_{which}"
     along_y = SE3.from_parts(SO3.axis("z", np.pi / 2))  # a finger's x is y of frame 6, which the jaws point along
     widest = 0.5 * arm.jaw.upper + STOP_BEYOND_RAD
@@ -219,7 +215,7 @@ def _add_finger(
         range=digits(sorted((side * STOP_CLOSED_RAD, side * widest))),
         solref_limit=STOP_SOLREF,
         solimp_limit=STOP_SOLIMP,
-        armature=servo.jaw_inertia_kg_m2,
+        armature=SERVO.jaw_inertia_kg_m2,
     )
     spec.add_mesh(name=label, uservert=digits(shape.finger_m(side)).ravel())
     friction = (arms.surface.jaw_friction, *arms.surface.patch_m)
@@ -267,24 +263,20 @@ def _add_fixture(
         )
 
 
-def _add_drives(spec: mujoco.MjSpec, servo: Servo, name: str, arm: ArmModel) -> None:
+def _add_drives(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
     """Add a spring to the target and a feed-forward motor for each joint; the two fingers are coupled."""
 
     def drive(label: str, joint: str, **attributes: Any) -> mujoco.MjsActuator:
         return spec.add_actuator(name=label, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint, **attributes)
 
     labels = [f"{name}_{joint.name}" for joint in arm.joints]
-    for label, stiffness, damping in zip(labels, servo.stiffness, servo.damping, strict=True):
+    for label, stiffness, damping in zip(labels, SERVO.stiffness, SERVO.damping, strict=True):
         drive(label, label).set_to_position(kp=stiffness, kv=float(digits(damping)))
     for label in labels:
         drive(f"{label}_feed", label).set_to_motor()
-    jaw, torque = f"{name}_jaw_left", 2 * servo.jaw_torque_nm
-    damping = float(digits(2 * np.sqrt(JAW_STIFFNESS_NM_RAD * 2 * servo.jaw_inertia_kg_m2)))
+    jaw, torque = f"{name}_jaw_left", 2 * SERVO.jaw_torque_nm
+    damping = float(digits(2 * np.sqrt(JAW_STIFFNESS_NM_RAD * 2 * SERVO.jaw_inertia_kg_m2)))
     drive(f"{name}_jaw", jaw, forcerange=(-torque, torque)).set_to_position(kp=JAW_STIFFNESS_NM_RAD, kv=damping)
-    coupling = spec.add_equality(
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        name1=jaw,
-        name2=f"{name}_jaw_right",
-        solref=(0.004, 1.0),
-    )
+    fingers = {"name1": jaw, "name2": f"{name}_jaw_right"}
+    coupling = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, solref=(0.004, 1.0), **fingers)
     coupling.data[:2] = 0.0, -1.0

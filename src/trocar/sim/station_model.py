@@ -11,7 +11,7 @@ from trocar.arms import ArmModel, fk, frames
 from trocar.geometry import SE3, SO3
 from trocar.lab import Station, StationCamera
 from trocar.perception.image import StereoRig
-from trocar.sim.spec import JAW_STIFFNESS_NM_RAD, SOLID, CellArms, Servo, cell_spec, digits, placed
+from trocar.sim.spec import JAW_STIFFNESS_NM_RAD, SERVO, SOLID, CellArms, cell_spec, digits, placed
 from trocar.sim.world import TaskWorld
 
 PARK = "park"
@@ -85,29 +85,19 @@ def _add_light(spec: mujoco.MjSpec, station: Station) -> None:
     view, headlight = spec.visual.global_, spec.visual.headlight
     view.azimuth, view.elevation, view.offwidth, view.offheight = 120, -25, 1280, 960
     headlight.ambient, headlight.diffuse, headlight.specular = [0.35] * 3, [0.5] * 3, [0.1] * 3
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        width=64,
-        height=384,
-        rgb1=(0.80, 0.84, 0.88),
-        rgb2=(0.40, 0.45, 0.52),
-    )
+    grey = {"builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, "rgb1": (0.80, 0.84, 0.88), "rgb2": (0.40, 0.45, 0.52)}
+    spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=384, **grey)
     sun = {"type": mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, "dir": (0.2, 0.3, -1), "diffuse": [0.5] * 3}
     spec.worldbody.add_light(name="lamp", castshadow=False, pos=digits(middle + [0, 0, 1]), **sun)
 
 
 def _add_camera(spec: mujoco.MjSpec, name: str, camera: StationCamera) -> None:
     """Add an ideal camera with the field of view of a station's: of a pair, one for each side."""
-    if isinstance(camera.model, StereoRig):
-        right = camera.T_world_camera @ camera.model.T_left_right
-        lenses = {
-            f"{name}_left": (camera.model.left, camera.T_world_camera),
-            f"{name}_right": (camera.model.right, right),
-        }
+    model, T_left = camera.model, camera.T_world_camera
+    if isinstance(model, StereoRig):
+        lenses = {f"{name}_left": (model.left, T_left), f"{name}_right": (model.right, T_left @ model.T_left_right)}
     else:
-        lenses = {name: (camera.model, camera.T_world_camera)}
+        lenses = {name: (model, T_left)}
     for label, (lens, T) in lenses.items():
         fovy = float(digits(degrees(2 * atan(0.5 * lens.height / lens.fy))))
         size = {"fovy": fovy, "resolution": (lens.width, lens.height)}
@@ -118,10 +108,9 @@ def _add_sites(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
     """Add the frames of the base, which is the remote centre, and of the tip."""
     at_zero = frames(arm, np.zeros(6))
     tip = at_zero[6].inverse() @ at_zero[7]
-    spec.body(f"{name}_base").add_site(name=f"{name}_base", size=(0.002, 0.005, 0.005), rgba=(0.1, 0.6, 0.2, 1))
-    spec.body(f"{name}_link6").add_site(
-        name=f"{name}_tip", size=(0.001, 0.005, 0.005), rgba=(0.8, 0.1, 0.1, 1), **placed(tip)
-    )
+    green, red = ({"rgba": (*rgb, 1)} for rgb in ((0.1, 0.6, 0.2), (0.8, 0.1, 0.1)))
+    spec.body(f"{name}_base").add_site(name=f"{name}_base", size=(0.002, 0.005, 0.005), **green)
+    spec.body(f"{name}_link6").add_site(name=f"{name}_tip", size=(0.001, 0.005, 0.005), **red, **placed(tip))
 
 
 def _set_drives(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
@@ -139,15 +128,11 @@ def _set_drives(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
     opening = spec.add_tendon(name=label)
     for side, sign in (("left", 1), ("right", -1)):
         opening.wrap_joint(f"{label}_{side}", sign)
-    servo, stiffness = Servo(), JAW_STIFFNESS_NM_RAD / 4
-    drive = spec.add_actuator(
-        name=label,
-        trntype=mujoco.mjtTrn.mjTRN_TENDON,
-        target=label,
-        ctrlrange=digits((arm.jaw.lower, arm.jaw.upper)),
-        forcerange=(-servo.jaw_torque_nm, servo.jaw_torque_nm),
-    )
-    drive.set_to_position(kp=stiffness, kv=float(digits(np.sqrt(2 * stiffness * servo.jaw_inertia_kg_m2))))
+    stiffness = JAW_STIFFNESS_NM_RAD / 4
+    force, opened = (-SERVO.jaw_torque_nm, SERVO.jaw_torque_nm), digits((arm.jaw.lower, arm.jaw.upper))
+    tendon = {"trntype": mujoco.mjtTrn.mjTRN_TENDON, "target": label}
+    drive = spec.add_actuator(name=label, ctrlrange=opened, forcerange=force, **tendon)
+    drive.set_to_position(kp=stiffness, kv=float(digits(np.sqrt(2 * stiffness * SERVO.jaw_inertia_kg_m2))))
 
 
 def _add_sensors(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:

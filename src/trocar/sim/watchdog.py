@@ -15,7 +15,7 @@ from types import FrameType
 from trocar.interruption import interrupts
 
 LOOK_S = 0.25
-"""Between two looks at the cell's clock, of the wall clock."""
+"""Wall-clock time between two looks at the cell's clock."""
 PATIENCE_S = 0.5
 """After Ctrl-C a script that lets no time pass for this long is ended at whatever line it is."""
 WARNING_S = 10.0

@@ -15,7 +15,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.perception.fiducials import Fixture
 from trocar.sim.record import CollidingPair, Record
-from trocar.sim.spec import TIMESTEP_S, CellArms, Servo, Surface, cell_spec
+from trocar.sim.spec import SERVO, TIMESTEP_S, CellArms, Surface, cell_spec
 
 _WARNINGS = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 UNSTABLE = tuple(int(warning) for warning in _WARNINGS)
@@ -107,14 +107,11 @@ class World:
         models: of the arms by name.
         T_world_base: true pose of each arm's base.
         task: what the task puts into the world; None: nothing.
-        servo: how the joints are driven.
         surface: contact parameters.
         fixtures: spheres for calibration, by the arm whose instrument carries them.
 
     Attributes:
-        models: likewise.
-        T_world_base: likewise.
-        task: likewise.
+        models: as given; so are ``T_world_base`` and ``task``.
         model: MuJoCo's.
         data: MuJoCo's.
         arms: indices of each arm by name.
@@ -129,13 +126,11 @@ class World:
         T_world_base: Mapping[str, SE3],
         task: TaskWorld | None = None,
         *,
-        servo: Servo | None = None,
         surface: Surface | None = None,
         fixtures: Mapping[str, Fixture] | None = None,
     ):
         self.models, self.T_world_base, self.task = models, T_world_base, task or TaskWorld()
-        self._servo = servo or Servo()
-        arms = CellArms(models, T_world_base, self._servo, surface or Surface(), fixtures or {})
+        arms = CellArms(models, T_world_base, surface or Surface(), fixtures or {})
         self.model = cell_spec(arms, self.task.add, sleeps=self.task.sleeps).compile()
         self.data = mujoco.MjData(self.model)
         self._warnings = self.data.warning.number  # number of each kind; MuJoCo writes into it
@@ -150,14 +145,13 @@ class World:
         self._free_qpos = np.array([joint.qposadr[0] for joint in free], dtype=np.intp)[:, None] + np.arange(7)
 
     def _index(self, name: str, arm: ArmModel) -> ArmIndex:
-        m = self.model
-        joints = [m.joint(f"{name}_{joint.name}") for joint in arm.joints]
+        m, labels = self.model, [f"{name}_{joint.name}" for joint in arm.joints]
         return ArmIndex(
-            qpos=np.array([j.qposadr[0] for j in joints]),
-            dof=np.array([j.dofadr[0] for j in joints]),
-            drive=np.array([m.actuator(f"{name}_{j.name}").id for j in arm.joints]),
-            feed=np.array([m.actuator(f"{name}_{j.name}_feed").id for j in arm.joints]),
-            damping=np.array(self._servo.damping),
+            qpos=np.array([m.joint(label).qposadr[0] for label in labels]),
+            dof=np.array([m.joint(label).dofadr[0] for label in labels]),
+            drive=np.array([m.actuator(label).id for label in labels]),
+            feed=np.array([m.actuator(f"{label}_feed").id for label in labels]),
+            damping=np.array(SERVO.damping),
             jaw_qpos=int(m.joint(f"{name}_jaw_left").qposadr[0]),
             jaw_drive=m.actuator(f"{name}_jaw").id,
             fingers=(m.geom(f"{name}_finger_left").id, m.geom(f"{name}_finger_right").id),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,6 +16,8 @@ from trocar.errors import MotionRefused, TrocarError
 from trocar.motion import move_to, rest_to_rest
 from trocar.testing.requirement import CheckFailed, require
 from trocar.trajectory import Trajectory
+
+BUSY_S = 0.3
 
 
 async def check_robot(
@@ -38,6 +41,7 @@ async def check_robot(
     check = _RobotCheck(cell, arm, span, tolerance, limits or cell.arms[arm].motion_limits)
     await check.moves_and_tells()
     await check.refuses_what_does_not_start_here()
+    await check.is_not_hurried_by_a_busy_script()
     await check.is_held()
     await check.is_cancelled()
     await check.is_replaced()
@@ -77,6 +81,22 @@ class _RobotCheck:
         elsewhere = rest_to_rest(self.away, self.home, self.limits)
         await self._refused({self.arm: elsewhere}, "refuse a motion that starts elsewhere")
         require(np.array_equal(self.robot.setpoint(self.arm).q, before), self.subject, "stay where it refused a motion")
+
+    async def is_not_hurried_by_a_busy_script(self) -> None:
+        """A script that computes without letting anybody else run makes a motion slower at most."""
+        motion, results = self._motion_to(self.away), {}
+
+        async def run() -> None:
+            results.update(await self.robot.move({self.arm: motion}))
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(run)
+            await self.cell.clock.sleep(motion.duration_s / 4)
+            time.sleep(BUSY_S)
+        result = results[self.arm]
+        require(result.done, self.subject, f"run a motion to its end while its script computes; {result.reason}")
+        self._check_result(result)
+        await self._home()
 
     async def is_held(self) -> None:
         """A running motion refuses another one, brakes when it is told to hold, and says so."""
@@ -180,6 +200,10 @@ class _RobotCheck:
         require(whole, self.subject, "return what it commanded and measured, a row of six joints and the jaw a time")
         forward = np.all(np.diff(result.times_s) > 0)
         require(forward, self.subject, "return times that run forward")
-        velocity = np.diff(result.commanded[:, :6], axis=0) / np.diff(result.times_s)[:, None]
+        steps_s = np.diff(result.times_s)
+        steps_s = np.maximum(steps_s, np.median(steps_s))[
+            :, None
+        ]  # two reports may come closer together than they were sent
+        velocity = np.diff(result.commanded[:, :6], axis=0) / steps_s
         use = float(np.max(np.abs(velocity) / self.limits.velocity))
         require(use < 1.05, self.subject, f"command no more than the limits of velocity, not {use:.2f} of them")

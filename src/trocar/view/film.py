@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from trocar.errors import InvalidInput
 from trocar.replay import Replay
 
-FRAME_RATES = (30.0, 25.0, 20.0, 15.0, 12.0, 10.0, 7.5, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
-"""Frames per second of the trial's clock, the finest first."""
-
+FRAME_RATES = (30.0, 25.0, 20.0, 15.0, 12.0, 10.0, 7.5, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)  # per second, the finest first
 STILL_M = 20e-6
 STILL_RAD = 100e-6
 """A body's pose is updated once it has moved or turned by more than this since its last update: less than a fifth of a
@@ -44,7 +42,12 @@ class Film:
 
     def frame_at(self, time_s: float) -> int:
         """Return the last frame that is not after a time; before the first one, the first."""
-        return max(0, int(np.searchsorted(self.times_s, time_s + 1e-9, side="right")) - 1)
+        return max(0, last_until(self.times_s, time_s))
+
+
+def last_until(times_s: NDArray[np.float64], time_s: float) -> int:
+    """Return the index of the last of these times that is not after a time; -1: all are."""
+    return int(np.searchsorted(times_s, time_s + 1e-9, side="right")) - 1
 
 
 def shoot(replay: Replay, rates_hz: Sequence[float] = FRAME_RATES, max_poses: int | None = None) -> Film:
@@ -65,24 +68,15 @@ def shoot(replay: Replay, rates_hz: Sequence[float] = FRAME_RATES, max_poses: in
     bodies = tuple(moving)
     position = np.array([T.translation_m for T in moving.values()]).reshape(-1, n, 3)
     wxyz = np.array([_steady(T.rotation.as_quaternion()) for T in moving.values()]).reshape(-1, n, 4)
-    for rate_hz in rates_hz[:-1]:
-        film = _film(rate_hz, replay.times_s, bodies, position, wxyz)
-        if max_poses is None or film.moved.sum() <= max_poses:
-            return film
-    return _film(rates_hz[-1], replay.times_s, bodies, position, wxyz)
 
+    def shot(rate_hz: float) -> Film:
+        ticks = _ticks(replay.times_s, rate_hz)
+        at, turned = position[:, ticks], wxyz[:, ticks]
+        return Film(rate_hz, ticks, replay.times_s[ticks], bodies, at, turned, _moved(at, turned))
 
-def _film(
-    rate_hz: float,
-    times_s: NDArray[np.float64],
-    bodies: tuple[str, ...],
-    position_m: NDArray[np.float64],
-    wxyz: NDArray[np.float64],
-) -> Film:
-    """Return a film at a rate, of bodies with these positions (m, n, 3) and quaternions (m, n, 4) at times (n,)."""
-    ticks = _ticks(times_s, rate_hz)
-    at, turned = position_m[:, ticks], wxyz[:, ticks]
-    return Film(rate_hz, ticks, times_s[ticks], bodies, at, turned, _moved(at, turned))
+    films = map(shot, rates_hz[:-1])
+    fitting = next((film for film in films if max_poses is None or film.moved.sum() <= max_poses), None)
+    return fitting or shot(rates_hz[-1])
 
 
 def _check(replay: Replay) -> None:
@@ -92,18 +86,16 @@ def _check(replay: Replay) -> None:
         raise InvalidInput("a replay without times", "cannot be shown", "give at least one tick")
     for body, T in replay.T_world_body.items():
         if T.matrix.shape[:-2] not in ((), (n,)):
-            raise InvalidInput(
-                f"body '{body}'", f"has poses {T.matrix.shape}", f"give one, or one for each of the {n} times"
-            )
+            remedy = f"give one, or one for each of the {n} times"
+            raise InvalidInput(f"body '{body}'", f"has poses {T.matrix.shape}", remedy)
     for arm, path in replay.tools.items():
         for kind, points in (("planned", path.p_world_planned_m), ("driven", path.p_world_driven_m)):
             if points.shape != (n, 3):
                 raise InvalidInput(f"the {kind} path", f"of '{arm}' has shape {points.shape}", f"give {(n, 3)}")
     missing = sorted({solid.body for solid in replay.solids} - set(replay.T_world_body))
     if missing:
-        raise InvalidInput(
-            "there", f"is no pose of body '{missing[0]}'", f"the replay has {', '.join(replay.T_world_body)}"
-        )
+        known = f"the replay has {', '.join(replay.T_world_body)}"
+        raise InvalidInput("there", f"is no pose of body '{missing[0]}'", known)
 
 
 def _ticks(times_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.intp]:
@@ -121,10 +113,9 @@ def _steady(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _moved(position_m: NDArray[np.float64], wxyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether each body's pose (m, k) has to be updated.
+    """Return whether each body's pose (m, k) has to be updated: at each full unit of its path since the first frame.
 
-    Its path length since the first frame is counted in units of ``STILL_M`` and ``STILL_RAD``; each full unit causes an
-    update, so in between it stays within one unit of where it was drawn.
+    A unit is ``STILL_M`` or ``STILL_RAD``, so in between it stays within one unit of where it was drawn.
     """
     way = np.linalg.norm(np.diff(position_m, axis=1), axis=-1) / STILL_M
     turn = 2 * np.linalg.norm(np.diff(wxyz, axis=1), axis=-1) / STILL_RAD  # |dq| is half a small angle

@@ -17,11 +17,10 @@ from trocar.errors import InvalidInput
 from trocar.geometry import SE3, TURN
 from trocar.replay import SHAPES, Solid
 
-CREASE_RAD = math.radians(30.0)
-"""Faces that meet at a smaller angle than this are shaded as one rounded surface."""
-
-WELD_M = 1e-6
-"""Corners in the same cell of a grid this fine count as one corner."""
+CREASE_RAD = math.radians(30.0)  # faces that meet at a smaller angle are shaded as one rounded surface
+WELD_M = 1e-6  # corners in the same cell of a grid this fine count as one corner
+RINGS = 7  # of half a sphere
+Rgba = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +49,7 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
 
 def box(half_m: ArrayLike) -> Mesh:
     """Return a box about the origin with these half lengths (3,)."""
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")).reshape(3, 8).T
-    return hull(signs * np.asarray(half_m, dtype=np.float64))
+    return hull((2 * np.indices((2, 2, 2)).reshape(3, 8).T - 1) * np.asarray(half_m, dtype=np.float64))
 
 
 def hull(points_m: ArrayLike) -> Mesh:
@@ -64,9 +62,8 @@ def hull(points_m: ArrayLike) -> Mesh:
     try:
         found = ConvexHull(points)
     except (QhullError, ValueError):
-        raise InvalidInput(
-            "a hull", f"of {len(points)} points spans no volume", "give at least four that do not lie in one plane"
-        ) from None
+        problem = f"of {len(points)} points spans no volume"
+        raise InvalidInput("a hull", problem, "give at least four that do not lie in one plane") from None
     faces = found.simplices
     a, b, c = (points[faces[:, i]] for i in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0
@@ -94,12 +91,7 @@ def _normals(corners_m: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _smooth_surfaces(faces: NDArray[np.intp], normals: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return for each face (f,) the index of the smooth surface that it belongs to.
-
-    Args:
-        faces: (f, 3) vertices, one index per position.
-        normals: (f, 3) outward units.
-    """
+    """Return for each face (f, 3), with its normal (f, 3), the index of the smooth surface that it belongs to."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     owner = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort(edges.T)
@@ -115,12 +107,9 @@ def _smooth_surfaces(faces: NDArray[np.intp], normals: NDArray[np.float64]) -> N
 
 
 def tube(points_m: ArrayLike, radii_m: ArrayLike, sides: int = 24) -> Mesh:
-    """Return a closed tube along a path; with varying radii it is a cone or a disc.
+    """Return a closed tube along a path (k, 3), whose neighbours may coincide where the radius, (k,) or one, jumps.
 
-    Args:
-        points_m: (k, 3) its middle line; neighbours may coincide where the radius jumps.
-        radii_m: (k,) or one for all.
-        sides: corners of its cross-section.
+    ``sides`` are the corners of its cross-section; with varying radii it is a cone or a disc.
     """
     points = np.asarray(points_m, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radii_m, dtype=np.float64), (len(points),))
@@ -182,32 +171,13 @@ def finger(arm: ArmModel) -> Mesh:
     return hull(T_jaw_joint.apply(arm.instrument.finger_m(1)))
 
 
-Rgba = tuple[float, float, float, float]
-
-SIDES = 24  # of round solids
-RINGS = 7  # of half a sphere
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """All solids of one colour on one body, drawn together.
-
-    Attributes:
-        mesh: in the body's frame.
-        rgba: colour in [0, 1], sRGB.
-    """
-
-    mesh: Mesh
-    rgba: Rgba
-
-
-def body_parts(solids: Iterable[Solid]) -> dict[str, list[Part]]:
-    """Return the meshes of each body that has solids, with colours in order of first occurrence."""
+def body_parts(solids: Iterable[Solid]) -> dict[str, dict[Rgba, Mesh]]:
+    """Return for each body that has solids one mesh, in the body's frame, of all solids of a colour ([0, 1], sRGB)."""
     meshes: dict[str, dict[Rgba, list[Mesh]]] = {}
     for solid in solids:
         on_body = solid_mesh(solid).moved(solid.T_body_solid)
         meshes.setdefault(solid.body, {}).setdefault(solid.rgba, []).append(on_body)
-    return {body: [Part(creased(joined(some)), rgba) for rgba, some in by.items()] for body, by in meshes.items()}
+    return {body: {rgba: creased(joined(some)) for rgba, some in by.items()} for body, by in meshes.items()}
 
 
 def solid_mesh(solid: Solid) -> Mesh:
@@ -217,49 +187,36 @@ def solid_mesh(solid: Solid) -> Mesh:
         TrocarError: an unknown shape, sizes that are not positive or of the wrong number, a flat hull.
     """
     if solid.shape not in SHAPES:
-        raise InvalidInput(
-            f"a solid on body '{solid.body}'", f"has shape '{solid.shape}'", f"choose from {', '.join(SHAPES)}"
-        )
+        where = f"a solid on body '{solid.body}'"
+        raise InvalidInput(where, f"has shape '{solid.shape}'", f"choose from {', '.join(SHAPES)}")
     if solid.shape == "hull":
         return hull(solid.vertices_m)
     count, make = SIZED[solid.shape]
     if len(solid.size_m) != count or not all(size > 0 for size in solid.size_m):
-        raise InvalidInput(
-            f"a {solid.shape} on body '{solid.body}'", f"has size {solid.size_m} m", f"give {count} numbers above 0"
-        )
+        where = f"a {solid.shape} on body '{solid.body}'"
+        raise InvalidInput(where, f"has size {solid.size_m} m", f"give {count} numbers above 0")
     return make(*solid.size_m)
 
 
-def sphere(radius_m: float) -> Mesh:
-    """Return a sphere about the origin."""
-    return capsule(radius_m, 0.0)
-
-
-def capsule(radius_m: float, half_m: float) -> Mesh:
-    """Return a capsule along z; ``half_m`` is half the length between the middles of its round ends."""
+def _capsule(radius_m: float, half_m: float = 0.0) -> Mesh:
+    """Return a capsule along z, ``half_m`` half of the length between the middles of its round ends; 0: a sphere."""
     angle = np.linspace(0.0, math.pi / 2, RINGS + 1)
     radii = radius_m * np.cos(angle)
     radii[-1] = 0.0
     z = half_m + radius_m * np.sin(angle)
-    if half_m == 0.0:  # one equator
-        return _turned(np.concatenate([-z[:0:-1], z]), np.concatenate([radii[:0:-1], radii]))
-    return _turned(np.concatenate([-z[::-1], z]), np.concatenate([radii[::-1], radii]))
+    lower = slice(None, 0 if half_m == 0.0 else None, -1)  # a sphere has one equator
+    z_m = np.concatenate([-z[lower], z])
+    return tube(np.outer(z_m, [0.0, 0.0, 1.0]), np.concatenate([radii[lower], radii]))
 
 
-def cylinder(radius_m: float, half_m: float) -> Mesh:
-    """Return a cylinder along z, ``half_m`` to each side of the origin."""
-    return _turned(np.array([-half_m, half_m]), np.array([radius_m, radius_m]))
-
-
-def _turned(z_m: np.ndarray, radii_m: np.ndarray) -> Mesh:
-    """Return the solid of revolution of a profile (k,) (k,) about z."""
-    return tube(np.column_stack([0 * z_m, 0 * z_m, z_m]), radii_m, SIDES)
+def _cylinder(radius_m: float, half_m: float) -> Mesh:
+    return tube([[0.0, 0.0, -half_m], [0.0, 0.0, half_m]], radius_m)
 
 
 SIZED: Mapping[str, tuple[int, Callable[..., Mesh]]] = {
     "box": (3, lambda *half_m: box(half_m)),
-    "sphere": (1, sphere),
-    "capsule": (2, capsule),
-    "cylinder": (2, cylinder),
+    "sphere": (1, _capsule),
+    "capsule": (2, _capsule),
+    "cylinder": (2, _cylinder),
 }
 """The number of sizes of each shape, and the function that makes it."""

@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont, UnidentifiedImageError
 
 from trocar.errors import InvalidInput
 from trocar.replay import CameraImage, Replay
-from trocar.view.overlay import CONTACT, DRIVEN, PLANNED, SPANS, Rgb, css
+from trocar.view.film import last_until
+from trocar.view.stage import CONTACT, DRIVEN, PLANNED, Rgb, css
 
 if TYPE_CHECKING:
     from viser import GuiApi
 
 KINDS = ("desired", "commanded", "measured", "true")
-PRISMATIC = 2
-"""Yaw, pitch, insertion, roll, wrist pitch, wrist yaw, jaw: ``ArmModel`` has its third joint slide."""
-
-WINDOW_S = 5.0
-"""Time before and after the present that is drawn."""
-
+PRISMATIC = 2  # yaw, pitch, insertion, roll, wrist pitch, wrist yaw, jaw: ``ArmModel`` has its third joint slide
+SCALE = np.where(np.arange(7) == PRISMATIC, 1e3, 180 / np.pi)  # from m and rad to mm and deg
+WINDOW_S = 5.0  # before and after the present, in curves and in the close-up of the time line
 POINTS = 250  # of a curve, maximum
 
 
@@ -95,10 +94,6 @@ def unit(joint: int) -> str:
     return "mm" if joint == PRISMATIC else "deg"
 
 
-SCALE = np.where(np.arange(7) == PRISMATIC, 1e3, 180 / np.pi)
-"""Factors from m and rad to the units shown."""
-
-
 Span = tuple[str, str, float, float]
 """Arm, name, start and end in s."""
 
@@ -106,13 +101,12 @@ WIDTH_PX, ROW_PX, AXIS_PX, NAMES_PX = 840, 40, 34, 90
 INK: Rgb = (34, 38, 43)
 QUIET: Rgb = (107, 112, 120)
 PAPER: Rgb = (255, 255, 255)
+SPANS = [tuple(rgb) for rgb in np.rint(255 * np.array(mpl.colormaps["Set3"].colors)).astype(int).tolist()]  # type: ignore[attr-defined]
 FONT = ImageFont.load_default(size=20)
-NEAR_S = 5.0
-"""Time before and after the present in the close-up."""
 
 
 class TimeLine:
-    """Pictures of spans.
+    """Pictures of all arms' spans in a trial that starts and ends at these times.
 
     Attributes:
         arms: one row each.
@@ -120,13 +114,6 @@ class TimeLine:
     """
 
     def __init__(self, spans: Sequence[Span], start_s: float, end_s: float) -> None:
-        """Draw the whole trial once.
-
-        Args:
-            spans: of all arms.
-            start_s: of the trial.
-            end_s: of the trial.
-        """
         self._spans, self._start_s = spans, start_s
         self._end_s = max(end_s, start_s + 1e-3)
         self.arms = tuple(dict.fromkeys(arm for arm, *_ in spans))
@@ -140,7 +127,7 @@ class TimeLine:
 
     def near(self, time_s: float) -> NDArray[np.uint8]:
         """Return the spans near a time (h, w, 3), within the trial, with a line at it."""
-        length = min(2 * NEAR_S, self._end_s - self._start_s)
+        length = min(2 * WINDOW_S, self._end_s - self._start_s)
         start = min(max(time_s - length / 2, self._start_s), self._end_s - length)
         return _marked(self._drawn(start, start + length), (time_s - start) / length)
 
@@ -166,26 +153,14 @@ class TimeLine:
                 pen.text((left + 5, top + 4), name, fill=INK, font=FONT)
         for row, arm in enumerate(self.arms):
             pen.text((0, ROW_PX * row + 8), arm, fill=INK, font=FONT)
-        _draw_axis(pen, from_s, to_s, ROW_PX * len(self.arms))
+        top = ROW_PX * len(self.arms)
+        for tick_s in MaxNLocator(10).tick_values(from_s, to_s):
+            if from_s <= tick_s <= to_s:
+                x = NAMES_PX + scale * (tick_s - from_s)
+                pen.line((x, top, x, top + 6), fill=QUIET)
+                pen.text((min(x, WIDTH_PX - 18), top + 7), f"{tick_s:g}", fill=QUIET, font=FONT, anchor="ma")
+        pen.text((0, top + 7), "s", fill=QUIET, font=FONT)
         return np.asarray(picture)
-
-
-def _draw_axis(pen: ImageDraw.ImageDraw, from_s: float, to_s: float, top: int) -> None:
-    """Draw seconds below the rows."""
-    step = nice_step(to_s - from_s)
-    scale = (WIDTH_PX - NAMES_PX) / (to_s - from_s)
-    for k in range(math.ceil(from_s / step), math.floor(to_s / step) + 1):
-        x = NAMES_PX + scale * (k * step - from_s)
-        pen.line((x, top, x, top + 6), fill=QUIET)
-        pen.text((min(x, WIDTH_PX - 18), top + 7), f"{k * step:g}", fill=QUIET, font=FONT, anchor="ma")
-    pen.text((0, top + 7), "s", fill=QUIET, font=FONT)
-
-
-def nice_step(length_s: float) -> float:
-    """Return a round number of seconds that fits five to twelve times into this length."""
-    rough = length_s / 10
-    unit = 10.0 ** math.floor(math.log10(rough))
-    return unit * next(factor for factor in (1, 2, 5, 10) if factor * unit >= rough * 0.9)
 
 
 def _marked(picture: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
@@ -200,17 +175,9 @@ WIDEST_PX = 840  # width of a camera's image, small enough to be sent quickly
 CURVES = (PLANNED, CONTACT, DRIVEN)
 
 
-class Panel(Protocol):
-    """Something that shows one moment of a replay."""
-
-    def show(self, tick: int) -> None:
-        """Show a tick of ``Replay.times_s``."""
-        ...
-
-
-def panels(gui: GuiApi, replay: Replay) -> list[Panel]:
-    """Add the panels for which the replay has data, and return them."""
-    found: list[Panel] = []
+def panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | CameraPanel | JointsPanel]:
+    """Add the panels for which the replay has data, and return them; each shows a tick of ``Replay.times_s``."""
+    found: list[TimeLinePanel | CameraPanel | JointsPanel] = []
     if replay.spans:
         with gui.add_folder("Time line"):
             found.append(TimeLinePanel(gui, replay))
@@ -233,8 +200,8 @@ class TimeLinePanel:
 
     def __init__(self, gui: GuiApi, replay: Replay) -> None:
         self._times_s = replay.times_s
-        self._line = TimeLine(replay.spans, float(replay.times_s[0]), float(replay.times_s[-1]))
         start = float(replay.times_s[0])
+        self._line = TimeLine(replay.spans, start, float(replay.times_s[-1]))
         self._whole = gui.add_image(self._line.whole(start), format="png")
         self._near = gui.add_image(self._line.near(start), format="png")
         gui.add_html(self._line.legend())
@@ -259,7 +226,7 @@ class CameraPanel:
 
     def show(self, tick: int) -> None:
         """Show the last image that was taken until a tick."""
-        last = int(np.searchsorted(self._taken_s, self._times_s[tick] + 1e-9, side="right")) - 1
+        last = last_until(self._taken_s, self._times_s[tick])
         if last == self._shown:
             return
         self._shown = last
@@ -281,18 +248,13 @@ class JointsPanel:
         self._joints, self._tick = joints, 0
         if joints.compared():
             self._menu = gui.add_dropdown("joint", joints.names, initial_value=joints.names[-2])
-            self._curves = gui.add_uplot(
-                joints.errors_near(0, len(joints.names) - 2),
-                (
-                    {"label": "s from now"},
-                    *(
-                        {"label": kind, "stroke": css(colour), "width": 2}
-                        for kind, colour in zip(joints.compared(), CURVES, strict=False)
-                    ),
-                ),
-                scales={"x": {"time": False, "range": (-WINDOW_S, WINDOW_S)}},
-                height=170,
-            )
+            looks: list[Any] = [
+                {"label": kind, "stroke": css(colour), "width": 2}
+                for kind, colour in zip(joints.compared(), CURVES, strict=False)
+            ]
+            scales: dict[str, Any] = {"x": {"time": False, "range": (-WINDOW_S, WINDOW_S)}}
+            data = joints.errors_near(0, len(joints.names) - 2)
+            self._curves = gui.add_uplot(data, ({"label": "s from now"}, *looks), scales=scales, height=170)
             self._menu.on_update(lambda _: self._draw_curves())
         self._table = gui.add_markdown("")
         self.show(0)

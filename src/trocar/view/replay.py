@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,22 +11,36 @@ import numpy as np
 from trocar.files.output import write_text
 from trocar.replay import Replay
 from trocar.view.film import FRAME_RATES, Film, shoot
-from trocar.view.overlay import with_overlay
 from trocar.view.server import close_server, open_server
-from trocar.view.stage import Stage
+from trocar.view.stage import CONTACT, DRIVEN, PLANNED, Bodies, Rgb, Stage, css
 
 if TYPE_CHECKING:
     from viser.infra import StateSerializer
 
-    from trocar.view.stage import Bodies
+NOTICE = "Simulated. For research, not for use on patients."
+
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; connect-src data: blob:; worker-src blob: data:; font-src data:"
+)
+"""Security policy: the browser lets the page load only its own content."""
+
+STYLE = """
+#trocar { position: fixed; inset: 0 auto auto 0; z-index: 1; margin: 12px; padding: 8px 14px;
+  max-width: calc(100vw - 90px); border-radius: 6px; background: rgb(255 255 255 / 82%); pointer-events: none;
+  font: 13px/1.5 system-ui, "Segoe UI", Roboto, Helvetica, Arial, sans-serif; color: #22262b; }
+#trocar h1 { font-size: 16px; font-weight: 600; margin: 0; }
+#trocar ul { list-style: none; margin: 4px 0 0; padding: 0; display: flex; flex-wrap: wrap; gap: 0 16px; }
+#trocar i { display: inline-block; vertical-align: middle; margin-right: 6px; }
+#trocar i.line { width: 22px; height: 0; border-top: 4px solid; }
+#trocar i.ball { width: 11px; height: 11px; border-radius: 50%; }
+#trocar p { margin: 2px 0 0; font-size: 12px; color: #59606a; }
+.mantine-Notifications-root { margin-top: 84px; }
+"""
 
 LARGEST_BYTES = 3_000_000
-MAX_POSES = 40_000
-"""This many pose changes fit into a page of less than ``LARGEST_BYTES``; a longer trial gets fewer frames per
-second."""
-
-END_S = 1.0
-"""Pause before the player starts again after its last frame."""
+MAX_POSES = 40_000  # so many pose changes fit into such a page; a longer trial gets fewer frames per second
+END_S = 1.0  # pause before the player starts again after its last frame
 
 
 def write_replay(replay: Replay, path: str | Path) -> Path:
@@ -43,18 +58,13 @@ def write_replay(replay: Replay, path: str | Path) -> Path:
     Raises:
         TrocarError: viser is not installed, the replay does not fit together, or the file cannot be written.
     """
-    page = _page(replay)
-    return write_text(path, page, "replay")
-
-
-def _page(replay: Replay) -> str:
-    """Return the finest page that is small enough; a coarse one if there is much besides the poses."""
-    for share in (1, 2, 4):
+    page = ""
+    for share in (1, 2, 4):  # the finest that is small enough; a coarse one if there is much besides the poses
         film = shoot(replay, FRAME_RATES, MAX_POSES // share)
-        page = with_overlay(_recorded(replay, film), replay, film)
+        page = _with_overlay(_recorded(replay, film), replay, film)
         if len(page.encode()) <= LARGEST_BYTES:
             break
-    return page
+    return write_text(path, page, "replay")
 
 
 def _recorded(replay: Replay, film: Film) -> str:
@@ -85,3 +95,25 @@ def _record_poses(recording: StateSerializer, bodies: Bodies, frame: int) -> Non
     for name, position, wxyz in bodies.moved(frame):
         recording._insert_message(SetPositionMessage(name, tuple(position.tolist())))
         recording._insert_message(SetOrientationMessage(name, tuple(wxyz.tolist())))
+
+
+def _with_overlay(page: str, replay: Replay, film: Film) -> str:
+    """Return viser's page with the replay's title and legend over it, and without network access."""
+    entries = [
+        *([_entry("line", PLANNED, "tip, planned"), _entry("line", DRIVEN, "tip, driven")] if replay.tools else []),
+        *([_entry("ball", CONTACT, "contact")] if replay.contacts else []),
+    ]
+    title = escape(replay.title)
+    block = (
+        f'<div id="trocar"><h1>{title}</h1><ul>{"".join(entries)}</ul>'
+        f"<p>{film.rate_hz:g} frames per second. {NOTICE}</p></div>"
+    )
+    page = page.replace("<title>Viser</title>", f"<title>{title}</title>", 1)
+    page = page.replace("<head>", f'<head><meta http-equiv="Content-Security-Policy" content="{POLICY}">', 1)
+    page = page.replace("</head>", f"<style>{STYLE}</style></head>", 1)
+    return page.replace("</body>", f"{block}</body>", 1)
+
+
+def _entry(kind: str, colour: Rgb, name: str) -> str:
+    where = "border-color" if kind == "line" else "background"
+    return f'<li><i class="{kind}" style="{where}: {css(colour)}"></i>{name}</li>'

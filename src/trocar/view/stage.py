@@ -1,9 +1,10 @@
-"""The stage: a scene's bodies and their poses."""
+"""The stage: a scene's bodies at their poses, light, and what is drawn over them: paths, contacts, labels."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,24 +13,217 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3
 from trocar.replay import Replay
 from trocar.view.film import Film
-from trocar.view.mesh import Part, body_parts
-from trocar.view.overlay import HORIZON, SKY, ArmLabels, Contacts, Paths
+from trocar.view.mesh import Mesh, Rgba, body_parts
 from trocar.view.viewpoint import FIELD_RAD, Viewpoint, viewpoint
 
 if TYPE_CHECKING:
     from viser import SceneApi, ViserServer
 
 
-class Bodies:
-    """Bodies at their poses; those that move are nodes ``/bodies/NAME`` in the world's frame.
+Rgb = tuple[int, int, int]
+
+PLANNED: Rgb = (40, 120, 255)
+DRIVEN: Rgb = (95, 215, 40)
+CONTACT: Rgb = (214, 60, 160)
+SKY: Rgb = (238, 240, 243)
+HORIZON: Rgb = (206, 211, 217)
+
+
+def css(colour: Rgb) -> str:
+    """Return a colour in CSS notation."""
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+SPACING_M, MAX_POINTS = 1e-3, 2000  # spacing of a whole path
+STEP_S = 0.05  # between two points of a stretch
+THIN_PX, BOLD_PX = 1.5, 4.5
+GREY: Rgb = (128, 132, 140)
+GREYED = 0.35  # share of grey in thin paths
+
+
+@dataclass(frozen=True)
+class PathWindow:
+    """The part of a path near the present that is drawn.
 
     Attributes:
-        film: their poses at each frame.
+        name: last part of its node's name.
+        behind_s: time before the present.
+        ahead_s: time after the present.
+        leap_s: it advances in steps of this time; 0: with each frame, up to the tip itself.
+        width_px: of the line; a thin one is greyer.
+    """
+
+    name: str
+    behind_s: float
+    ahead_s: float
+    leap_s: float
+    width_px: float
+
+
+NEAR = PathWindow("near", 8.0, 4.0, 1.0, THIN_PX)
+PLANNED_NOW = PathWindow("now", 2.0, 1.0, STEP_S, BOLD_PX)
+DRIVEN_NOW = PathWindow("now", 2.0, 0.0, 0.0, BOLD_PX)
+
+
+class Paths:
+    """Planned and driven path of each arm's tip: nodes ``/paths/ARM KIND, now`` and ``near``, and ``all``.
+
+    That one is hidden, since in a long trial it would cover the scene.
     """
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
-        """Draw all bodies; those that move, at the first frame."""
-        self.film, self._scene = film, scene
+        self._trails: list[Trail] = []
+        self._times_s = film.times_s
+        for arm, path in replay.tools.items():
+            for kind, points, colour, now in (
+                ("planned", path.p_world_planned_m, PLANNED, PLANNED_NOW),
+                ("driven", path.p_world_driven_m, DRIVEN, DRIVEN_NOW),
+            ):
+                known = filled(points)
+                if known is not None:
+                    name = f"/paths/{arm} {kind}"
+                    _add_line(scene, f"{name}, all", thinned(known), colour, THIN_PX).visible = False
+                    self._trails += [Trail(scene, name, replay.times_s, known, colour, part) for part in (NEAR, now)]
+
+    def show(self, frame: int) -> None:
+        """Draw the parts near a frame in time."""
+        for trail in self._trails:
+            trail.show(float(self._times_s[frame]))
+
+
+class Trail:
+    """One stretch of one path: points every ``STEP_S``, which stay in place while the stretch advances."""
+
+    def __init__(
+        self,
+        scene: SceneApi,
+        name: str,
+        times_s: NDArray[np.float64],
+        points_m: NDArray[np.float64],
+        colour: Rgb,
+        part: PathWindow,
+    ) -> None:
+        self._times_s, self._points_m, self._part = times_s, points_m.astype(np.float32), part
+        self._clock_s = np.arange(times_s[0], times_s[-1] + STEP_S, STEP_S)
+        self._on_clock_m = self._points_m[self._ticks(self._clock_s)]
+        self._drawn = self._stretch(float(times_s[0]))
+        self._node = _add_line(scene, f"{name}, {part.name}", self._drawn, colour, part.width_px)
+
+    def show(self, time_s: float) -> None:
+        """Draw the stretch about a time, unless it is drawn already."""
+        stretch = self._stretch(time_s)
+        if not np.array_equal(stretch, self._drawn):
+            self._drawn = stretch
+            self._node.points = _segments(stretch)
+
+    def _stretch(self, time_s: float) -> NDArray[np.float32]:
+        """Return the points (k, 3), at least two."""
+        leap_s = self._part.leap_s
+        about_s = leap_s * np.floor(time_s / leap_s + 1e-9) if leap_s else time_s
+        first, last = np.searchsorted(self._clock_s, [about_s - self._part.behind_s, about_s + self._part.ahead_s])
+        points = self._on_clock_m[min(first, len(self._clock_s) - 1) : max(1, last)]
+        if leap_s and len(points) > 1:
+            return points
+        return np.concatenate([points, self._points_m[self._ticks(np.array([time_s]))]])
+
+    def _ticks(self, times_s: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Return the ticks (k,) at times (k,)."""
+        return np.clip(np.searchsorted(self._times_s, times_s - 1e-9), 0, len(self._times_s) - 1)
+
+
+def thinned(points_m: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return points (k, 3) of a path (n, 3) that are ``SPACING_M`` apart, or further to limit their number."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=1))])
+    spacing = max(SPACING_M, way[-1] / MAX_POINTS)
+    _, first = np.unique(np.floor(way / spacing), return_index=True)
+    return points_m[np.append(first, len(points_m) - 1)].astype(np.float32)
+
+
+def filled(points_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return a path (n, 3) with straight lines where it is unknown (nan); None if it is unknown everywhere."""
+    known = np.flatnonzero(np.isfinite(points_m).all(1))
+    if not len(known):
+        return None
+    return np.column_stack([np.interp(np.arange(len(points_m)), known, column[known]) for column in points_m.T])
+
+
+def _segments(points_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the pieces (k - 1, 2, 3) of a line."""
+    return np.stack([points_m[:-1], points_m[1:]], axis=1)
+
+
+def _add_line(scene: SceneApi, name: str, points_m: NDArray[np.float32], colour: Rgb, width_px: float):
+    """Add a line to the scene; thin ones are greyer."""
+    grey = GREYED if width_px == THIN_PX else 0.0
+    rgb = np.rint((1 - grey) * np.array(colour) + grey * np.array(GREY)).astype(np.uint8)
+    return scene.add_line_segments(name, _segments(points_m), rgb, thickness=width_px, thickness_units="screen")
+
+
+STEP_M = 1e-3  # a label stays in place while its arm moves less than this
+
+
+class ArmLabels:
+    """A label over each arm's tip, so high above it, that says what the arm is doing."""
+
+    def __init__(self, scene: SceneApi, replay: Replay, film: Film, above_m: float) -> None:
+        paths = {arm: filled(path.p_world_driven_m) for arm, path in replay.tools.items()}
+        self._places = {arm: p[film.ticks] + [0.0, 0.0, above_m] for arm, p in paths.items() if p is not None}
+        self._texts = {arm: captions(replay, film, arm) for arm in replay.tools}
+        self._labels = {
+            arm: scene.add_label(
+                f"/arms/{arm}", arm, position=tuple(places[0].tolist()), anchor="bottom-center", font_screen_scale=1.2
+            )
+            for arm, places in self._places.items()
+        }
+        self.show(0)
+
+    def show(self, frame: int) -> None:
+        """Put the labels over the tips at a frame, with what the arms are doing."""
+        for arm, label in self._labels.items():
+            place = self._places[arm][frame]
+            if np.linalg.norm(place - label.position) > STEP_M:
+                label.position = place
+            label.text = self._texts[arm][frame]
+
+
+def captions(replay: Replay, film: Film, arm: str) -> list[str]:
+    """Return for each frame the arm's name and what it is doing: the name of its shortest span about that time."""
+    texts = [arm] * len(film.times_s)
+    spans = [span for span in replay.spans if span[0] == arm]
+    for _, name, start_s, end_s in sorted(spans, key=lambda span: span[2] - span[3]):  # the longest first
+        first, last = np.searchsorted(film.times_s, [start_s, end_s])
+        texts[first:last] = [f"{arm}: {name}"] * (last - first)
+    return texts
+
+
+MIN_S = 0.5  # a shorter touch is shown for this long, to be visible at all
+
+
+class Contacts:
+    """A ball with a label at the place of each contact, seen while it lasts."""
+
+    def __init__(self, scene: SceneApi, replay: Replay, film: Film, radius_m: float) -> None:
+        self._times_s, self._touches = film.times_s, []
+        for k, touch in enumerate(replay.contacts):
+            look = {"color": CONTACT, "opacity": 0.85, "cast_shadow": False, "visible": False}
+            ball = scene.add_icosphere(f"/contacts/{k}", radius_m, position=touch.p_world_m, **look)
+            said = f"{' - '.join(touch.between)}, {touch.force_n:.1f} N"
+            above = (0.0, 0.0, 1.5 * radius_m)
+            scene.add_label(f"/contacts/{k}/label", said, position=above, anchor="bottom-center")
+            self._touches.append((ball, touch.time_s, max(touch.end_s, touch.time_s + MIN_S)))
+
+    def show(self, frame: int) -> None:
+        """Show the touches of a frame."""
+        time_s = float(self._times_s[frame])
+        for ball, start_s, end_s in self._touches:
+            ball.visible = start_s <= time_s < end_s  # viser sends what has changed
+
+
+class Bodies:
+    """Bodies at their poses; those that move are nodes ``/bodies/NAME`` in the world's frame, first as in frame 0."""
+
+    def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
+        self._scene, self._moved = scene, film.moved
         # the precision that a browser draws with
         self._position_m, self._wxyz = film.position_m.astype(np.float32), film.wxyz.astype(np.float32)
         parts = body_parts(replay.solids)
@@ -41,7 +235,7 @@ class Bodies:
 
     def moved(self, frame: int) -> Iterator[tuple[str, NDArray[np.float32], NDArray[np.float32]]]:
         """Yield name, position (3,) m and wxyz (4,) of the nodes that have moved since the previous frame."""
-        for i in np.flatnonzero(self.film.moved[:, frame]).tolist():
+        for i in np.flatnonzero(self._moved[:, frame]).tolist():
             yield self._nodes[i].name, self._position_m[i, frame], self._wxyz[i, frame]
 
     def show(self, frame: int) -> None:
@@ -49,29 +243,15 @@ class Bodies:
         for node, position, wxyz in zip(self._nodes, self._position_m[:, frame], self._wxyz[:, frame], strict=True):
             node.position, node.wxyz = position, wxyz
 
-    def _draw(self, body: str, parts: list[Part], T_world_body: SE3) -> Any:
+    def _draw(self, body: str, parts: dict[Rgba, Mesh], T_world_body: SE3) -> Any:
         """Add a body to the scene and return its node."""
-        node = self._scene.add_frame(
-            node_name(body),
-            show_axes=False,
-            position=T_world_body.translation_m,
-            wxyz=T_world_body.rotation.as_quaternion(),
-        )
-        for number, part in enumerate(parts):
-            *rgb, alpha = part.rgba
-            self._scene.add_mesh_simple(
-                f"{node_name(body)}/{number}",
-                part.mesh.vertices_m,
-                part.mesh.faces,
-                color=np.rint(255 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8),
-                opacity=alpha if alpha < 1 else None,
-            )
+        name = "/bodies/" + body.replace("/", "|")  # a slash would attach one body to another
+        position, wxyz = T_world_body.translation_m, T_world_body.rotation.as_quaternion()
+        node = self._scene.add_frame(name, show_axes=False, position=position, wxyz=wxyz)
+        for number, ((*rgb, alpha), mesh) in enumerate(parts.items()):
+            colour, opacity = np.rint(255 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8), alpha if alpha < 1 else None
+            self._scene.add_mesh_simple(f"{name}/{number}", mesh.vertices_m, mesh.faces, color=colour, opacity=opacity)
         return node
-
-
-def node_name(body: str) -> str:
-    """Return the name of a body's node; a slash in it would attach one body to another."""
-    return "/bodies/" + body.replace("/", "|")
 
 
 LAMP = (-0.9, 1.6, 3.6)
@@ -81,26 +261,18 @@ LIT = 3.0  # radii of the workspace that the lamp reaches
 
 
 class Stage:
-    """Everything that is drawn of a replay.
-
-    Attributes:
-        film: its frames.
-        bodies: its bodies.
-        viewpoint: of the initial view.
-    """
+    """Everything that is drawn of a replay, first at the first frame of its film: bodies, and what is over them."""
 
     def __init__(self, server: ViserServer, replay: Replay, film: Film) -> None:
-        """Draw a replay at its first frame."""
         self.film = film
-        self.viewpoint = viewpoint(replay, film)
-        look_from(server, self.viewpoint)
-        light(server.scene, self.viewpoint)
-        self.bodies = Bodies(server.scene, replay, film)
-        ball_m = 0.035 * self.viewpoint.radius_m
+        view, scene = viewpoint(replay, film), server.scene
+        _look_from(server, view)
+        _light(scene, view)
+        self.bodies = Bodies(scene, replay, film)
         self._moments = (
-            Paths(server.scene, replay, film),
-            Contacts(server.scene, replay, film, ball_m),
-            ArmLabels(server.scene, replay, film, 0.4 * self.viewpoint.radius_m),
+            Paths(scene, replay, film),
+            Contacts(scene, replay, film, 0.035 * view.radius_m),
+            ArmLabels(scene, replay, film, 0.4 * view.radius_m),
         )
 
     def show(self, frame: int) -> None:
@@ -114,7 +286,7 @@ class Stage:
             moment.show(frame)
 
 
-def look_from(server: ViserServer, view: Viewpoint) -> None:
+def _look_from(server: ViserServer, view: Viewpoint) -> None:
     """Set the initial view of the page."""
     camera = server.initial_camera
     camera.position, camera.look_at, camera.up = view.eye_m, view.centre_m, (0.0, 0.0, 1.0)
@@ -122,7 +294,7 @@ def look_from(server: ViserServer, view: Viewpoint) -> None:
     camera.near = 0.02 * float(np.linalg.norm(view.eye_m - view.centre_m))
 
 
-def light(scene: SceneApi, view: Viewpoint) -> None:
+def _light(scene: SceneApi, view: Viewpoint) -> None:
     """Light a scene like a photo studio: one lamp that casts shadows, and a plain background.
 
     viser's own lamps are made for scenes of metres: their shadows begin centimetres behind the object that casts them.

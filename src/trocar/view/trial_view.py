@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from trocar.replay import Replay
-from trocar.view.film import shoot
-from trocar.view.overlay import NOTICE
+from trocar.view.film import last_until, shoot
 from trocar.view.panels import panels
+from trocar.view.replay import NOTICE
 from trocar.view.server import close_server, open_server
 from trocar.view.stage import Stage
 
@@ -22,28 +22,28 @@ PANEL_PX = 460
 
 
 class TrialView:
-    """A replay on a server that only this machine can reach.
+    """A replay on a server that only this machine can reach; :meth:`play` lets time run there.
+
+    Args:
+        replay: to be shown.
+        port: of the server; if it is taken, the next free one; 0: any free one.
 
     Attributes:
         server: viser's server.
         stage: the scene.
         jumps: time in s of each event and contact, by its text in the menu.
+        time_s: that is shown.
+        plays: whether time runs while :meth:`play` is running.
+
+    Raises:
+        TrocarError: viser is not installed, or the replay is inconsistent.
     """
 
     def __init__(self, replay: Replay, port: int = 8080) -> None:
-        """Draw a replay and serve it.
-
-        Args:
-            replay: to be shown.
-            port: of the server; if it is taken, the next free one; 0: any free one.
-
-        Raises:
-            TrocarError: viser is not installed, or the replay is inconsistent.
-        """
         film = shoot(replay, (FRAMES_PER_S,))
         self._times_s = replay.times_s
-        self._time_s = float(replay.times_s[0])
-        self._plays, self._lock = False, threading.RLock()
+        self.time_s, self.plays = float(replay.times_s[0]), False
+        self._lock = threading.RLock()
         self._panels_due_s = 0.0
         self.jumps = jumps(replay)
         self.server = open_server(port)
@@ -51,22 +51,12 @@ class TrialView:
             self.stage = Stage(self.server, replay, film)
             self._add_controls(replay)
             self._panels = panels(self.server.gui, replay)
-        self.show(self._time_s)
+        self.show(self.time_s)
 
     @property
     def port(self) -> int:
         """Return the port that the server got."""
         return self.server.get_port()
-
-    @property
-    def time_s(self) -> float:
-        """Return the time that is shown."""
-        return self._time_s
-
-    @property
-    def plays(self) -> bool:
-        """Return whether time runs while :meth:`play` is running."""
-        return self._plays
 
     def show(self, time_s: float) -> None:
         """Show a time, clipped to the first and the last."""
@@ -77,9 +67,9 @@ class TrialView:
     def run(self, plays: bool) -> None:
         """Start time, from the beginning if it is at the end, or stop it."""
         with self._lock:
-            if plays and self._time_s >= self._times_s[-1]:
+            if plays and self.time_s >= self._times_s[-1]:
                 self.show(float(self._times_s[0]))
-            self._plays = plays
+            self.plays = plays
             self._button.label = "Pause" if plays else "Play"
             if not plays:
                 self._show_panels()
@@ -87,10 +77,10 @@ class TrialView:
     def advance(self, seconds: float) -> None:
         """Advance by these seconds of the wall clock, at the chosen speed; stop at the end."""
         with self._lock:
-            self._show_scene(self._time_s + SPEEDS[self._speed.value] * seconds)
+            self._show_scene(self.time_s + SPEEDS[self._speed.value] * seconds)
             if time.monotonic() >= self._panels_due_s:
                 self._show_panels()
-            if self._time_s >= self._times_s[-1]:
+            if self.time_s >= self._times_s[-1]:
                 self.run(False)
 
     def play(self) -> None:
@@ -99,7 +89,7 @@ class TrialView:
         while True:
             time.sleep(1.0 / FRAMES_PER_S)
             now = time.monotonic()
-            if self._plays:
+            if self.plays:
                 self.advance(now - before)
             before = now
 
@@ -108,14 +98,14 @@ class TrialView:
         close_server(self.server)
 
     def _show_scene(self, time_s: float) -> None:
-        self._time_s = float(np.clip(time_s, self._times_s[0], self._times_s[-1]))
+        self.time_s = float(np.clip(time_s, self._times_s[0], self._times_s[-1]))
         with self.server.atomic():
-            self.stage.show(self.stage.film.frame_at(self._time_s))
+            self.stage.show(self.stage.film.frame_at(self.time_s))
 
     def _show_panels(self) -> None:
-        tick = int(np.searchsorted(self._times_s, self._time_s + 1e-9, side="right")) - 1
+        tick = last_until(self._times_s, self.time_s)
         with self.server.atomic():
-            self._slider.value = round(self._time_s, 2)
+            self._slider.value = round(self.time_s, 2)
             for panel in self._panels:
                 panel.show(tick)
         self._panels_due_s = time.monotonic() + 1.0 / PANELS_PER_S
@@ -132,7 +122,7 @@ class TrialView:
         start, end = float(self._times_s[0]), float(self._times_s[-1])
         self._slider = gui.add_slider("time, s", start, max(end, start + 0.01), 0.01, start)
         self._speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
-        self._button.on_click(lambda _: self.run(not self._plays))
+        self._button.on_click(lambda _: self.run(not self.plays))
         self._slider.on_update(self._slid)
         if self.jumps:
             self._menu = gui.add_dropdown("jump to", ("choose", *self.jumps))
@@ -150,36 +140,9 @@ class TrialView:
 
 def jumps(replay: Replay) -> dict[str, float]:
     """Return the time in s of each event and contact, by its description, in order of time."""
-    found = [(float(event["time_s"]), _said(event)) for event in replay.events]  # type: ignore[arg-type]
-    found += [(c.time_s, f"contact: {' - '.join(c.between)}, {c.force_n:.1f} N") for c in replay.contacts]
+    found = [(c.time_s, f"contact: {' - '.join(c.between)}, {c.force_n:.1f} N") for c in replay.contacts]
+    for event in replay.events:
+        short = {k: v for k, v in event.items() if k not in ("name", "time_s") and isinstance(v, str | int)}
+        words = [str(event["name"]), *(f"{key} {value}" for key, value in short.items())]
+        found.append((float(event["time_s"]), ", ".join(words)))  # type: ignore[arg-type]
     return {f"{at:.2f} s  {words}": at for at, words in sorted(found)}
-
-
-def _said(event: Any) -> str:
-    """Return an event in words: its name, then the other values that are short."""
-    rest = [
-        f"{key} {value}"
-        for key, value in event.items()
-        if key not in ("name", "time_s") and isinstance(value, str | int | bool)
-    ]
-    return ", ".join([str(event["name"]), *rest])
-
-
-def show_replay(replay: Replay, port: int = 8080, block: bool = True) -> TrialView:
-    """Serve a replay to the browser and return the view; its ``port`` says where.
-
-    Args:
-        replay: to be shown.
-        port: of the server; if it is taken, the next free one; 0: any free one.
-        block: stay until Ctrl-C.
-
-    Raises:
-        TrocarError: as ``TrialView``.
-    """
-    view = TrialView(replay, port)
-    if block:
-        try:
-            view.play()
-        except KeyboardInterrupt:
-            view.close()
-    return view

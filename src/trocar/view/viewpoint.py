@@ -83,10 +83,13 @@ def _right(arms_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _from_middle(replay: Replay, film: Film, arm: str, centre_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the mean position (2,) of an arm, with equal weights for its solids; 0 if it has none."""
-    bodies = {body for body in replay.T_world_body if body.startswith(arm)}
-    frames = np.linspace(0, len(film.ticks) - 1, MOMENTS).astype(int)
-    centres = np.concatenate([_centres(replay, film, bodies, frame) for frame in frames])
-    return centres.mean(0)[:2] - centre_m[:2] if len(centres) else np.zeros(2)
+    ticks = film.ticks[np.linspace(0, len(film.ticks) - 1, MOMENTS).astype(int)]
+    centres = []
+    for solid in (solid for solid in replay.solids if solid.body.startswith(arm)):
+        T = replay.T_world_body[solid.body]
+        middle = solid.T_body_solid.apply(solid_mesh(solid).vertices_m.mean(0))
+        centres.append((T if T.matrix.ndim == 2 else T[ticks]).apply(middle).reshape(-1, 3).mean(0))
+    return np.mean(centres, axis=0)[:2] - centre_m[:2] if centres else np.zeros(2)
 
 
 def _distance(
@@ -121,14 +124,3 @@ def _handling(tips_m: NDArray[np.float64], objects_m: NDArray[np.float64]) -> ND
         return tips_m if len(tips_m) else np.zeros((1, 3))
     low, high = objects_m.min(0) - HANDLING_M, objects_m.max(0) + HANDLING_M
     return np.concatenate([objects_m, tips_m[((low <= tips_m) & (tips_m <= high)).all(1)]])
-
-
-def _centres(replay: Replay, film: Film, bodies: set[str], frame: int) -> NDArray[np.float64]:
-    """Return the middles (n, 3) of the solids on these bodies at a frame."""
-    found = []
-    for solid in replay.solids:
-        if solid.body in bodies:
-            T = replay.T_world_body[solid.body]
-            T = T if T.matrix.ndim == 2 else T[film.ticks[frame]]
-            found.append((T @ solid.T_body_solid).apply(solid_mesh(solid).vertices_m.mean(0)))
-    return np.array(found).reshape(-1, 3)

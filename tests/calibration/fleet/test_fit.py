@@ -12,7 +12,7 @@ from fleets import SHAPE, fleet, slack_recording
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.fleet import fit, load_prior
 from trocar.calibration.fleet.fit import ENOUGH_ROWS, OWN_ROWS, Learned, expected, fit_from_prior, learn_from
-from trocar.calibration.fleet.loops import FEATURES, LoopShape
+from trocar.calibration.fleet.prior import FEATURES, LoopShape
 from trocar.calibration.models.play import PlayModel, with_spectrum, wrist_features
 from trocar.calibration.models.play_map import DRIFT_ROWS, PlayMap
 from trocar.calibration.plant import PSM1_GREY, play_slacks

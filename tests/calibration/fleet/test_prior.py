@@ -4,8 +4,7 @@ from numpy.testing import assert_allclose
 
 from fleets import fleet
 from trocar.calibration.fleet import learn_prior, load_prior
-from trocar.calibration.fleet.loops import FEATURES, LoopFit
-from trocar.calibration.fleet.prior import COMMON, FORMAT, VERSION, FleetPrior
+from trocar.calibration.fleet.prior import COMMON, FEATURES, FORMAT, VERSION, FleetPrior, LoopFit
 from trocar.errors import TrocarError
 from trocar.files.archive import Archive, read_archive
 

@@ -11,7 +11,7 @@ from trocar.calibration.models.linear import windows
 from trocar.calibration.models.lstm import dense, recur, remember
 from trocar.calibration.recording import Recording
 from trocar.errors import TrocarError
-from walks import stepped, walk
+from walks import walk
 
 
 @pytest.fixture
@@ -126,13 +126,3 @@ def test_a_state_is_the_last_five_commands(fitted):
         _, state = model.step(state, row)
     assert_allclose(state.prior, q[-5:])
     assert isinstance(model.training, TrainingMotion)
-
-
-def test_step_by_step_it_is_what_the_whole_history_gives(fitted):
-    model, q, shift = fitted["lstm"], walk(3, 40), np.linspace(-0.1, 0.1, 6)
-    assert_allclose(stepped(model, q), model.predict(q), atol=1e-6)
-    moved = model.shifted(shift)
-    assert_allclose(moved.predict(q) - model.predict(q), np.tile(shift, (40, 1)), atol=1e-12)
-    assert not model.rate_independent
-    dense = np.repeat(q, 2, axis=0)
-    assert np.abs(model.predict(dense)[1::2] - model.predict(q)).max() > 5e-5

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trocar.calibration.models import MODELS, load_model, save_model
-from trocar.calibration.models.files import FORMAT, VERSION
+from trocar.calibration.models import FORMAT, MODELS, VERSION, load_model, save_model
 from trocar.errors import TrocarError
 from trocar.files.archive import Archive, read_archive
 

@@ -238,8 +238,3 @@ def test_negative_radii_are_refused(drawn):
 def test_it_shows_its_backlash_in_degrees_and_its_coupling(drawn):
     words = "backlash of q4 q5 q6 11.5, 5.7, 22.9 deg, coupling 0.30 and -0.40"
     assert repr(drawn) == f"<cable model 'play', fitted on 50 rows: {words}>"
-
-
-def test_a_shift_is_another_offset(drawn):
-    q, shift = walk(0, 10), np.linspace(-0.1, 0.1, 6)
-    assert_allclose(drawn.shifted(shift).predict(q) - drawn.predict(q), np.tile(shift, (10, 1)), atol=1e-12)

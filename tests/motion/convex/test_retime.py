@@ -6,16 +6,17 @@ from scipy.optimize import linprog
 
 from ravens import asked, random_waypoints
 from trocar.arms import ARMS, MotionLimits
-from trocar.motion import ArmMotion, limit_use, rest_to_rest
+from trocar.motion import ArmMotion, limit_use
+from trocar.motion.check import tip_speeds_m_s
 from trocar.motion.convex import retime
 from trocar.motion.convex.retime import retimed
-from trocar.motion.convex.scene import curve_of, joint_path
-from trocar.motion.tip import tip_speeds_m_s
+from trocar.motion.convex.scene import joint_path
+from trocar.motion.curve import Curve
 from trocar.trajectory import Trajectory
 
 
 def wild_path(rng, problem, pieces=9):
-    curve = curve_of(pieces)
+    curve = Curve.even(pieces)
     ends = [np.concatenate([arm.waypoints[i] for arm in problem.arms.values()]) for i in (0, -1)]
     control = curve.line(*ends)
     control[1:-1] += 0.1 * rng.normal(size=control[1:-1].shape) * np.tile([1, 1, 0.1, 1, 1, 1], 2)
@@ -43,16 +44,6 @@ def test_any_path_is_followed_exactly_and_within_all_limits(seed, limit):
     np.testing.assert_allclose(motion(np.array([0.0, np.nextafter(motion.duration_s, 0)]), 1), 0, atol=1e-7)
 
 
-def test_a_straight_line_takes_hardly_longer_than_the_shortest_motion():
-    problem = asked(random_waypoints(np.random.default_rng(4)))
-    arms = tuple(problem.arms.values())
-    start, end = (np.concatenate([arm.waypoints[i] for arm in arms]) for i in (0, -1))
-    timing = retimed(Trajectory(np.array([0.0, 1.0]), np.stack([end - start, start])[:, None]), arms, np.zeros(0))
-    shortest_s = max(rest_to_rest(*arm.waypoints, arm.limits).duration_s for arm in arms)
-    assert len(timing.motion.coefficients) == 3
-    assert shortest_s * (1 - 1e-9) <= timing.motion.duration_s < 1.02 * shortest_s
-
-
 def test_a_later_start_waits_first_and_passes_all_places_later():
     rng = np.random.default_rng(2)
     problem = asked(random_waypoints(rng))
@@ -63,17 +54,6 @@ def test_a_later_start_waits_first_and_passes_all_places_later():
     shares = np.array([0.0, 0.5, 1.0])
     np.testing.assert_allclose(later.times_s(shares), timing.times_s(shares) + [0.0, 0.7, 0.7])
     assert timing.later(0.0) is timing
-
-
-@pytest.mark.parametrize("pieces", [1, 5, 9])
-def test_control_points_in_line_make_the_straight_line(pieces):
-    curve = curve_of(pieces)
-    path = curve.path(curve.line(np.zeros(3), np.array([1.0, -2.0, 3.0])))
-    shares = np.linspace(0, 1, 33)
-    np.testing.assert_allclose(path(shares), shares[:, None] * [1.0, -2.0, 3.0], atol=1e-12)
-    np.testing.assert_allclose(curve.basis(shares) @ curve.places, shares, atol=1e-12)
-    straight = curve.places @ curve.energy @ curve.places
-    assert straight == pytest.approx(1.0)  # no bending, unit speed
 
 
 MODEL = ARMS["raven2-left"]
@@ -91,7 +71,7 @@ def straight_path(*arms):
 
 
 def bent_path(seed, pieces=4, size=0.01):
-    arm, curve, rng = one_arm(), curve_of(pieces), np.random.default_rng(seed)
+    arm, curve, rng = one_arm(), Curve.even(pieces), np.random.default_rng(seed)
     control = curve.line(*arm.waypoints)
     control[1:-1] += size * rng.normal(size=control[1:-1].shape)
     return curve.path(control)

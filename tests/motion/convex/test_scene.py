@@ -13,11 +13,12 @@ from ravens import asked, random_waypoints
 from trocar.arms import capsules
 from trocar.geometry.capsules import nearest_m, segment_distances_m
 from trocar.motion import Capsule, HalfSpace, MovingArm
-from trocar.motion.convex.programme import distance_rows, facing_rows, range_rows
-from trocar.motion.convex.scene import Scene, curve_of, joint_path
+from trocar.motion.convex.path_program import distance_rows, facing_rows, range_rows
+from trocar.motion.convex.scene import Scene, joint_path
+from trocar.motion.curve import Curve
 from trocar.trajectory import Trajectory
 
-CURVE = curve_of(5)
+CURVE = Curve.even(5)
 CONTROL = np.random.default_rng(0).normal(size=(8, 2))
 
 
@@ -46,7 +47,7 @@ def test_its_energy_is_the_integral_of_speed_and_bending():
 
 def test_places_inside_are_even_and_leave_out_both_ends():
     np.testing.assert_allclose(CURVE.inner(2), np.arange(1, 10) / 10)
-    np.testing.assert_allclose(curve_of(2).inner(3), np.arange(1, 6) / 6)
+    np.testing.assert_allclose(Curve.even(2).inner(3), np.arange(1, 6) / 6)
 
 
 def test_a_line_of_control_points_goes_from_one_place_to_the_other():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from debridement_story import FIRST, HOME, OVER, TABLE_M, Story
-from trocar.tasks.debridement.grips import CLOSING_RAD, DELIVERED, DROPOFF, KEPT, PUT_BACK, closings_of, fate, legs
+from trocar.tasks.debridement.goals import FragmentOutcome
+from trocar.tasks.debridement.grips import CLOSING_RAD, closings_of, legs, loss
 
 RNG = np.random.default_rng(0)
 
@@ -44,22 +45,23 @@ def test_closings_are_those_near_the_table_and_beside_the_receptacle():
 @pytest.mark.parametrize(
     ("over_m", "to_m", "said", "what"),
     [
-        (OVER, OVER - [0, 0, 0.045], True, DELIVERED),
-        (OVER, HOME, True, DROPOFF),
-        (HOME, HOME, True, DROPOFF),
-        (HOME, HOME, False, PUT_BACK),
+        (OVER, OVER - [0, 0, 0.045], True, None),
+        (OVER, HOME, True, FragmentOutcome.DROPOFF_FAILURE),
+        (HOME, HOME, True, FragmentOutcome.DROPOFF_FAILURE),
+        (HOME, HOME, False, None),
     ],
+    ids=["delivered", "beside", "announced elsewhere", "put back"],
 )
 def test_what_becomes_of_a_fragment_that_is_let_go(over_m, to_m, said, what):
     story = Story().grasp(0).lift().deliver(0, to_m=to_m, over_m=over_m)
     truth = story.truth()
     (closing,) = closings_of(truth)
-    found, row = fate(truth, closing, 0, said)
-    assert found == what
+    found, row = loss(truth, closing, 0, said)
+    assert found is what
     assert abs(row - closing.opened) <= 10
 
 
-def test_what_is_held_to_the_end_was_kept():
+def test_what_is_held_to_the_end_was_not_lost():
     truth = Story().grasp(0).lift().truth()
     (closing,) = closings_of(truth)
-    assert fate(truth, closing, 0, False)[0] == KEPT
+    assert loss(truth, closing, 0, False) == (None, len(truth.times_s) - 1)

@@ -23,7 +23,7 @@ def scores_of(story):
     return {score.fragment: score for score in scores}
 
 
-def modes_of(story, only=True):
+def modes_of(story):
     """Return all failures of a story that are not zero."""
     scores = scores_of(story).values()
     totals = {mode: sum(getattr(score, mode) for score in scores) for mode in MODES}
@@ -162,6 +162,7 @@ def test_6_two_fragments_in_the_jaws_at_once():
     scores = scores_of(story)
     assert all(score.succeeded for score in scores.values())
     assert scores[0].multiple_grasps == 1 and not scores[0].first_attempt
+    assert scores[0].recoveries == 0, "it has not been fetched again"
 
 
 def test_7_a_fragment_that_is_lost_while_the_jaws_rise():

@@ -1,21 +1,29 @@
-"""Debridement as a task: its options, and its requirements on a station."""
+"""Debridement as a task: its options, what it requires of a station, and what arms reach in its region."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from trocar.errors import TrocarError
+from trocar.arms import ik
+from trocar.errors import OutOfReach, TrocarError
 from trocar.eval import TASKS
 from trocar.eval.config import RunConfig
+from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
-from trocar.tasks.debridement.goals import FragmentOutcome
-from trocar.tasks.debridement.task import Debridement
+from trocar.lab.session import draw_session
+from trocar.tasks.debridement.agents.adjusted import INSIDE
+from trocar.tasks.debridement.agents.places import TILT_RAD, TURNS_RAD
+from trocar.tasks.debridement.goals import FragmentOutcome, Receptacle, Workspace
+from trocar.tasks.debridement.scene import LENGTH_M
+from trocar.tasks.debridement.task import REGION_M, Debridement
+
+STATION = load_station("raven-pair")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def station():
-    return load_station("raven-pair")
+    return STATION
 
 
 def test_it_is_registered():
@@ -91,3 +99,69 @@ def test_the_nine_failure_modes_that_end_a_fragment_s_handling_have_a_sentence()
     names = {"NOT_FOUND", "GRASP_FAILURE", "MULTIPLE_GRASP", "PICKUP_FAILURE", "DROPPED_EN_ROUTE", "DROPOFF_FAILURE"}
     assert names <= set(FragmentOutcome.__members__)
     assert len({outcome.value for outcome in FragmentOutcome}) == len(FragmentOutcome)
+
+
+# The work surface.
+
+
+def test_what_lies_between_the_walls_is_in_the_receptacle():
+    box = Receptacle()
+    assert box.size_m == (0.110, 0.070), "that of the paper"
+    x, y = 0.5 * np.array(box.size_m)
+    inside = [[0, 0, 0.004], [x - 1e-4, y - 1e-4, 0.004], [0, 0, box.height_m - 1e-4]]
+    outside = [[x + 1e-4, 0, 0.004], [0, -y - 1e-4, 0.004], [0, 0, box.height_m + 1e-4]]
+    assert box.holds(np.array(inside)).all()
+    assert not box.holds(np.array(outside)).any()
+
+
+def test_fragments_lie_beside_the_receptacle_of_the_built_in_station():
+    low, high = np.array(Workspace().region_m)
+    assert (high - low > 0.04).all()
+    edge = STATION.T_world_fixture["receptacle"].translation_m[1] - 0.5 * Receptacle().size_m[1] - Receptacle().wall_m
+    assert high[1] + 0.5 * LENGTH_M[1] < edge
+
+
+# What arms reach there, as far as can be known before a session.
+
+SESSIONS = [draw_session(STATION, np.random.default_rng(seed)) for seed in range(24)]
+ABOVE_M, AT_M = -0.120, -0.150
+"""Heights of the tip in the world, above a fragment and at it."""
+
+
+def commanded(session, arm, T_world_tip):
+    """The joints to be commanded so that the true ones bring the tip there."""
+    model, cables, park = STATION.arms[arm].model, session.transmissions[arm], STATION.arms[arm].park_q()
+    true = ik(model, session.T_world_base[arm].inverse() @ T_world_tip, reference=park)
+    state, q = cables.start(park, np.random.default_rng(0)), true
+    for _ in range(4):
+        q = true - (cables.step(state, q)[0] - q)
+        q = np.clip(q, model.lower, model.upper)
+    return true - (cables.step(state, q)[0] - q)
+
+
+def reaches(session, arm, x, y):
+    model = STATION.arms[arm].model
+    room = INSIDE * (model.upper - model.lower)
+    for turn in TURNS_RAD:
+        upright = SO3.axis("z", turn) @ SO3.axis("x", TILT_RAD)
+        try:
+            ways = [commanded(session, arm, SE3.from_parts(upright, [x, y, z])) for z in (AT_M, ABOVE_M)]
+        except OutOfReach:
+            continue
+        if all(((model.lower + room < q) & (q < model.upper - room)).all() for q in ways):
+            return True
+    return False
+
+
+@pytest.mark.parametrize(("arms", "sides"), [(1, ("left",)), (2, ("left", "right"))])
+def test_a_working_arm_reaches_every_corner_in_nine_of_ten_sessions(arms, sides):
+    (x0, y0), (x1, y1) = REGION_M[arms]
+    for x in (x0, 0.5 * (x0 + x1), x1):
+        for y in (y0, y1):
+            share = np.mean([any(reaches(session, arm, x, y) for arm in sides) for session in SESSIONS])
+            assert share >= 0.9, f"({1e3 * x:.0f}, {1e3 * y:.0f}) mm is reached in {share:.0%} of sessions"
+
+
+def test_one_arm_does_not_reach_what_two_do():
+    (x0, y0), _ = REGION_M[2]
+    assert np.mean([reaches(session, "left", x0, y0) for session in SESSIONS]) < 0.9

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trocar.arms import ARMS
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
-from trocar.tasks.suture.planning import CLOCKWISE, DIRECTIONS, PRESETS, suture_joints
-from trocar.tasks.suture.planning.plan_file import PlannedSutures, setup_from
+from trocar.tasks.suture.planning import CLOCKWISE, PRESETS
+from trocar.tasks.suture.planning.plan import PlannedSutures, setup_from
 from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.task import CircleSutures
@@ -63,17 +62,11 @@ def test_a_plan_of_ones_own_is_driven_in_its_setup(tmp_path):
     assert np.array_equal(station.arms["psm1"].T_world_base.matrix, (MOVED @ SETUP.T_world_base).matrix)
     scene, arm = task.scene(np.random.default_rng(0), station)
     assert scene.circle_radius_m == 0.025 and arm == "psm1"
-    box, joints = task.calibration(station, "psm1"), suture_joints(task.setup, task.plan.positions_rad)
-    for i, direction in enumerate(task.plan.directions):
-        q = joints.q[DIRECTIONS.index(direction), i]
-        assert (q >= box.lower).all() and (q <= box.upper).all()
-
-
-def test_the_calibrations_motion_covers_the_plan():
-    box = TASK.calibration(STATION, "psm1")
-    for suture in TASK.goals():
+    box = task.calibration(station, "psm1")
+    for suture in task.goals():
         q = np.concatenate([piece.q for piece in suture_segments(suture)])
-        assert (q >= box.lower).all() and (q <= box.upper).all()
+        q = q[((q >= SETUP.arm.lower) & (q <= SETUP.arm.upper)).all(1)]
+        assert len(q) > 100 and (q >= box.lower).all() and (q <= box.upper).all()
 
 
 def test_a_plan_that_is_out_of_reach_leaves_no_room_to_calibrate_in(tmp_path):
@@ -126,7 +119,6 @@ ONE = planned()
         (None, {"direction": "up"}, "direction 'up'.*clockwise"),
         (None, {"sutures": 0}, "number of sutures is 0"),
         (None, {"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
-        (ONE, {"preset": "default"}, "preset 'default' cannot be combined with a plan"),
         (ONE, {"direction": "best"}, "direction 'best' cannot be combined with a plan"),
         (ONE, {"sutures": 2}, "number of sutures is 2, but the plan has 1"),
         (planned(grasp=PRESETS["paper-demo"].setup.grasp), {}, "cannot be driven.*--grasp-skew-deg 0"),
@@ -138,9 +130,6 @@ def test_nonsense_is_refused_in_a_sentence(plan, options, words, tmp_path):
         CircleSutures(**given, **options).goals()
 
 
-def test_a_plan_for_another_arm_is_refused_where_the_station_has_none(tmp_path):
-    task = CircleSutures(plan_file=kept(planned(arm=ARMS["psm-si"]), tmp_path))
-    with pytest.raises(TrocarError, match=r"plan is for 'psm-si'.*'psm-classic'.*plan with --arm psm-classic"):
-        task.at(STATION)
+def test_a_plan_for_another_arm_is_refused_where_the_station_has_none():
     with pytest.raises(TrocarError, match=r"preset 'default' is for 'psm-classic', but arm 'left'.*'raven2-left'"):
         TASK.at(load_station("raven-pair"))

@@ -69,6 +69,8 @@ def test_joints_that_follow_their_encoders_drive_the_suture_and_believed_encoder
     stiff, believed = (summary_of(played[how][0]) for how in ("stiff", "uncalibrated"))
     assert (stiff["succeeded"], stiff["attempted"]) == (1, 1)
     assert (believed["succeeded"], believed["attempted"]) == (0, 1)
+    for how in ("stiff", "uncalibrated"):
+        assert np.degrees(np.abs(joint_errors(played[how][0])[:, :2])).max() < 0.5, "outer joints have no slack"
     for joint in WRIST:
         assert stiff["joint_error_deg"][joint]["rms"] < 0.3
         assert believed["joint_error_deg"][joint]["rms"] > 1.5
@@ -85,11 +87,6 @@ def test_compensated_cables_drive_the_suture(played):
     assert calibrated["tip_error_mm"]["max"] < 1.5
 
 
-@pytest.mark.parametrize("how", ["stiff", "uncalibrated", "calibrated"])
-def test_outer_joints_have_no_cables_in_the_way(played, how):
-    assert np.degrees(np.abs(joint_errors(played[how][0])[:, :2])).max() < 0.5
-
-
 @pytest.mark.slow
 def test_the_same_seed_writes_the_same_bytes(played, tmp_path):
     """Up to the moment at which the arm has looked at the needle, and drives it."""
@@ -103,15 +100,6 @@ def test_the_same_seed_writes_the_same_bytes(played, tmp_path):
         trial.save(files[-1])
     assert any(span.name == "looking" for span in trial.spans)
     assert files[0].read_bytes() == files[1].read_bytes()
-
-
-def test_another_trial_of_the_session_has_other_noise(played):
-    trial, config, prepared = played["uncalibrated"]
-    other = run_trial(config, prepared, 1)
-    assert other.about["index"] == 1 and other.about["fingerprint"] == trial.about["fingerprint"]
-    rows = min(len(other.arrays["true_psm1"]), len(trial.arrays["true_psm1"]))
-    off = np.abs(other.arrays["true_psm1"][:rows] - trial.arrays["true_psm1"][:rows])[:, 3:6]
-    assert off[100:].max() > 1e-4
 
 
 def test_the_summary_has_what_scripts_rely_on_and_says_what_is_modelled(played):

@@ -15,7 +15,7 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.world import World
 from trocar.tasks.suture.agents.circle import LOAD
 from trocar.tasks.suture.task import CircleSutures
-from trocar.tasks.suture.world import LOADING_S, SutureWorld, Tissue
+from trocar.tasks.suture.world import DRAG_NS_M, LOADING_S, SutureWorld
 
 TASK = CircleSutures(sutures=1)
 STATION = TASK.at(mild("suture"))
@@ -106,7 +106,7 @@ def test_open_jaws_let_it_fall(lab):
 
 
 def test_a_person_holds_it_still_until_both_fingers_press(lab):
-    held, begun = lab.task._needle, []
+    held, begun = lab.task, []
 
     async def script(cell):
         await cell.robot.jaw(ARM, OPEN)
@@ -143,9 +143,9 @@ def test_truth_is_told_in_the_circles_frame(lab):
 
 
 def test_drag_holds_it_only_below_the_surface(lab):
-    held = lab.task._needle
+    held = lab.task
     free = slice(lab.world.model.joint("needle").dofadr[0], None)
-    for height_m, drag in ((0.02, 0.0), (-0.001, Tissue().drag_ns_m)):
+    for height_m, drag in ((0.02, 0.0), (-0.001, DRAG_NS_M)):
         held.in_hand = False
         at = SCENE.T_world_circle.matrix.copy()
         at[2, 3] += height_m
@@ -156,7 +156,7 @@ def test_drag_holds_it_only_below_the_surface(lab):
 
 
 def test_the_phantom_bears_its_weight(lab):
-    held = lab.task._needle
+    held = lab.task
     held.in_hand = False
     inside = SCENE.T_world_circle.apply([0.0, 0.0, -0.001])
     lab.world.data.qpos[held._qpos] = [*inside, 1.0, 0.0, 0.0, 0.0]

@@ -11,34 +11,29 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.excitation import MotionBox
-from trocar.calibration.fleet.loops import DRIFT, FEATURES, MULTIPLES, LoopShape, outer_features
-from trocar.calibration.fleet.prior import FleetPrior
+from trocar.calibration.fleet.prior import DRIFT, FEATURES, MULTIPLES, FleetPrior, LoopShape, outer_features
 from trocar.calibration.models.base import TrainingMotion
 from trocar.calibration.models.play import RADII_RAD, PlayBank, PlayModel, fit_wrist, with_spectrum, wrist_features
 from trocar.calibration.models.play_map import DriftWhitener, PlayMap
 from trocar.calibration.plant import WRIST, fit_plant
 from trocar.calibration.recording import Recording
+from trocar.geometry.arrays import Array
 
 STARTS = np.linspace(-1.0, 1.0, 5)
 """Slacks that are tried before the first command, as shares of a radius; for roll, every other one."""
 TRIED = np.array(list(product((0, 2, 4), range(5), range(5))))
 """(s, 3) indices of the initial slacks of roll, pitch and yaw that are tried together."""
-SHAPE_ROWS = 400
-"""With more rows than this, radii and coupling are those that fit best, without the prior."""
+SHAPE_ROWS = 400  # with more rows than this, radii and coupling are those that fit best, without the prior
 SEARCH = {"maxiter": 250, "xatol": 1e-2, "fatol": 0.1}
 """Settings of the simplex search: radii to one percent, log likelihood to a tenth of a unit."""
-FIRST_STEP = 0.7
-"""First step of the search, in SDs of the prior."""
-OWN_ROWS = 200
-"""With fewer rows than this, no effects beyond those in the prior are fitted."""
+FIRST_STEP = 0.7  # first step of the search, in SDs of the prior
+OWN_ROWS = 200  # with fewer rows than this, no effects beyond those in the prior are fitted
 ENOUGH_ROWS = 600
 """With this many rows, eight minutes on the robot, a recording needs no prior: on the last fifth of five recordings, a
 fit without one was better as often as worse."""
-HELD_SHARE = 0.3
-"""Share of the rows, at the end, on which the two maps are compared."""
+HELD_SHARE = 0.3  # share of the rows, at the end, on which the two maps are compared
 WIDER = np.array([1.4, 2.3, 1.7])
 """Errors of q4 q5 q6 are larger than the regression states by these factors: real loops are not quite of this shape,
 and errors drift. Found on six recordings of instruments that the prior never saw, after 50 and 100 rows
@@ -50,19 +45,13 @@ counts 16 times as much."""
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A play model and its uncertainty.
+    """A play model and its uncertainty."""
 
-    Attributes:
-        model: the expected one.
-        covariance: (3, FEATURES, FEATURES) of the weights of each joint's error.
-        left_sd: (3,) SD of the errors that such a map leaves, rad.
-    """
+    model: PlayModel  # the expected one
+    covariance: Array  # (3, FEATURES, FEATURES) of the weights of each joint's error
+    left_sd: Array  # (3,) SD of the errors that such a map leaves, rad
 
-    model: PlayModel
-    covariance: NDArray[np.float64]
-    left_sd: NDArray[np.float64]
-
-    def spread(self, state: PlayBank, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def spread(self, state: PlayBank, q_cmd: Array) -> Array:
         """Return the SDs (3,) of the wrist's joints about the model's prediction at a command (6,), rad."""
         slack = self.model.inputs(q_cmd)[:, None] - state
         x = np.concatenate([[1.0], q_cmd[WRIST], slack.ravel()])
@@ -70,12 +59,7 @@ class Learned:
 
 
 def expected(prior: FleetPrior, box: MotionBox) -> PlayModel:
-    """Return the play model of an instrument about which only the prior is known.
-
-    Args:
-        prior: over instruments and sessions.
-        box: in which its joints move.
-    """
+    """Return the play model of an instrument that moves in a box, and about which only the prior is known."""
     shape = LoopShape.of(prior.shape_mean)
     training = TrainingMotion(box.step, box.lower, box.upper, 0)
     offset = np.concatenate([np.zeros(3), prior.weights[:, 0]])
@@ -89,8 +73,7 @@ def fit_from_prior(recording: Recording, prior: FleetPrior) -> PlayModel:
     From ``OWN_ROWS`` on, a map fitted to this instrument without the prior is mixed in to the extent that it predicts
     the last part of the recording better; from ``ENOUGH_ROWS`` on, the prior is left out.
 
-    Raises:
-        TrocarError: the recording has too few valid rows.
+    Raises TrocarError: the recording has too few valid rows.
     """
     training = TrainingMotion.of(recording)
     if training.rows >= ENOUGH_ROWS:
@@ -109,18 +92,14 @@ def fit_from_prior(recording: Recording, prior: FleetPrior) -> PlayModel:
     return PlayModel(shape.a, shape.b, radii, offset, outer[:, 1:], mixed, training)
 
 
-def learn_from(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] | None = None) -> Learned:
+def learn_from(recording: Recording, prior: FleetPrior, sd_rad: Array | None = None) -> Learned:
     """Return the play model of an instrument from a prior and a short recording, with its uncertainty.
 
     The shape of the loops and the initial state of the cables are set to their most likely values and count as known.
 
-    Args:
-        recording: commands and measurements.
-        prior: over instruments and sessions.
-        sd_rad: (n, 3) SDs of the wrist's measurements, if they are less accurate than the recordings behind the prior.
+    ``sd_rad`` (n, 3) are SDs of the wrist's measurements, if these are less accurate than those behind the prior.
 
-    Raises:
-        TrocarError: the recording has too few valid rows.
+    Raises TrocarError: the recording has too few valid rows.
     """
     training = TrainingMotion.of(recording)
     shape = _shape(recording, prior, sd_rad)
@@ -133,14 +112,14 @@ def learn_from(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float
     return Learned(model, covariance, prior.noise_sd * np.sqrt(1.0 + DRIFT))
 
 
-def _shape(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] | None = None) -> LoopShape:
+def _shape(recording: Recording, prior: FleetPrior, sd_rad: Array | None = None) -> LoopShape:
     """Return the most likely radii and coupling."""
     if recording.valid.sum() > SHAPE_ROWS:
         plant = fit_plant(recording)
         return LoopShape(plant.radii, plant.a, plant.b)
     from scipy.optimize import minimize  # slow to import; few fit, all know stations
 
-    def cost(theta: NDArray[np.float64]) -> float:
+    def cost(theta: Array) -> float:
         likely = _explained(recording, LoopShape.of(theta), prior, sd_rad).likely
         most = likely.max()
         away = (theta - prior.shape_mean) / prior.shape_sd
@@ -153,32 +132,25 @@ def _shape(recording: Recording, prior: FleetPrior, sd_rad: NDArray[np.float64] 
 
 @dataclass(frozen=True, eq=False)
 class _Explained:
-    """How well each initial state of the cables explains the measurements.
+    """How well each initial state of the cables explains the measurements."""
 
-    Attributes:
-        likely: (s,) log likelihood.
-        weights: (s, 3, FEATURES) expected.
-        normal: (s, 3, FEATURES, FEATURES) inverse covariance of the weights where the prior's is the identity.
-    """
-
-    likely: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    normal: NDArray[np.float64]
+    likely: Array  # (s,) log likelihood
+    weights: Array  # (s, 3, FEATURES) expected
+    # (s, 3, FEATURES, FEATURES) inverse covariance of the weights where the prior's is the identity
+    normal: Array
 
     @property
-    def expected(self) -> NDArray[np.float64]:
+    def expected(self) -> Array:
         """Return the expected weights (3, FEATURES): the mean over all initial states, weighted by their likelihood."""
         share = np.exp(self.likely - self.likely.max())
         return np.einsum("s,sjf->jf", share / share.sum(), self.weights)
 
 
-def _weights(recording: Recording, shape: LoopShape, prior: FleetPrior) -> NDArray[np.float64]:
+def _weights(recording: Recording, shape: LoopShape, prior: FleetPrior) -> Array:
     return _explained(recording, shape, prior).expected
 
 
-def _explained(
-    recording: Recording, shape: LoopShape, prior: FleetPrior, sd_rad: NDArray[np.float64] | None = None
-) -> _Explained:
+def _explained(recording: Recording, shape: LoopShape, prior: FleetPrior, sd_rad: Array | None = None) -> _Explained:
     """Return how well a shape of loops explains the measurements.
 
     Linear regression with a normal prior, in coordinates in which the prior is standard normal.
@@ -207,12 +179,12 @@ def _explained(
     return _Explained(likely, weights, normal)
 
 
-def _outer(recording: Recording, prior: FleetPrior) -> NDArray[np.float64]:
+def _outer(recording: Recording, prior: FleetPrior) -> Array:
     """Return the maps (3, 7) from 1 and the command to the errors of q1 q2 q3."""
     valid = recording.valid
     whiten = DriftWhitener.of(np.flatnonzero(valid), DRIFT)
     x = whiten(outer_features(recording.q_cmd)[valid])
-    error = whiten((recording.q_phy - recording.q_cmd)[valid][:, :3])
+    error = whiten(recording.errors[valid][:, :3])
     return np.array(
         [
             np.linalg.solve(x.T @ x + np.diag((noise / sd) ** 2), x.T @ y)
@@ -221,7 +193,7 @@ def _outer(recording: Recording, prior: FleetPrior) -> NDArray[np.float64]:
     )
 
 
-def _share(recording: Recording, shape: LoopShape, prior: FleetPrior) -> NDArray[np.float64]:
+def _share(recording: Recording, shape: LoopShape, prior: FleetPrior) -> Array:
     """Return the weight (3,) of the prior's map against the instrument's own, from how well both predict."""
     good = np.flatnonzero(recording.valid)
     cut = int(good[int((1.0 - HELD_SHARE) * len(good))])
@@ -235,12 +207,12 @@ def _share(recording: Recording, shape: LoopShape, prior: FleetPrior) -> NDArray
     return 1.0 / (1.0 + (priors / ours) ** SHARPNESS)
 
 
-def _without_bumps(linear: NDArray[np.float64]) -> PlayMap:
+def _without_bumps(linear: Array) -> PlayMap:
     inputs = np.arange(3)
     return PlayMap(linear, inputs, np.zeros(3), np.ones(3), np.zeros((0, 3)), np.zeros((3, 0)))
 
 
-def _mixed(linear: NDArray[np.float64], own: PlayMap, share: NDArray[np.float64]) -> PlayMap:
+def _mixed(linear: Array, own: PlayMap, share: Array) -> PlayMap:
     """Return the mean of two maps, with weight ``share`` (3,) for the prior's.
 
     Its inputs are the slacks of both: for each joint first those of the prior's radii, then those of ``own``.

@@ -1,4 +1,4 @@
-"""What is known about an instrument's cables before it is measured."""
+"""What is known about an instrument's cables before it is measured, from loops of one common shape."""
 
 from __future__ import annotations
 
@@ -8,70 +8,130 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.calibration.fleet.loops import FEATURES, MULTIPLES, LoopFit, fit_loops
 from trocar.calibration.models.base import shaped
-from trocar.calibration.plant import WRIST
+from trocar.calibration.models.play_map import DriftWhitener
+from trocar.calibration.plant import WRIST, fit_plant, play_slacks
 from trocar.calibration.recording import Recording
 from trocar.errors import BadFile, InvalidInput, TrocarError
 from trocar.files.archive import Archive, read_archive
+from trocar.geometry.arrays import Array
 
+MULTIPLES = np.array([0.4, 1.0, 1.8])
+"""Radii of the play operators of a joint, in multiples of its backlash: real loops have round corners."""
+FEATURES = 4 + 3 * len(MULTIPLES)
+"""Number of inputs of the linear map to the errors of q4 q5 q6: 1, q4, q5, q6, then the slacks of each joint in
+turn."""
+DRIFT = 0.3  # variance of the drift over that of the noise: the value of ``DRIFT_RATIOS`` that recordings show
+RIDGE = np.array([0.0] + [0.05] * 3 + [0.15] * (FEATURES - 4))
+"""Penalty on each weight of one recording's map; without it, weights of neighbouring radii could be exchanged
+freely."""
+OUTER_RIDGE = np.array([0.0] + [1.0] * 6)
 FORMAT = "trocar fleet prior"
 VERSION = 2
-BUILT_IN = "fleet"
-"""Name of the prior that comes with Trocar."""
+BUILT_IN = "fleet"  # name of the prior that comes with Trocar
 _SHAPES = {"shape": ("fits", 5), "weights": ("fits", 3, FEATURES), "outer": ("fits", 3, 7), "left": ("fits", 6)}
 """Shapes of the file's arrays, which hold the fit to each recording."""
 
 LEAST_SHAPE_SD = np.array([0.4, 0.4, 0.4, 0.06, 0.06])
 """Least SD of ``LoopShape.theta``, since half a dozen recordings do not show every instrument; radii within a factor of
 1.5."""
-OFFSET_SD = 0.15
-"""Least SD of an offset, rad: offsets change whenever an instrument is mounted."""
-OWN_SD = (0.02, 0.05, 0.10)
-"""Least SD of a joint's error per rad of its own command: gain of roll, pitch, yaw."""
-COUPLING_SD = 0.03
-"""Least SD of a joint's error per rad of another one's command."""
-SLACK_SD = 0.06 / np.sqrt(len(MULTIPLES))
-"""Least SD of a joint's error per rad of slack."""
-OUTER_OFFSET_SD = np.array([3e-3, 3e-3, 5e-4])
-"""Least SD of the offsets of q1 q2 q3: rad, rad, m."""
-COMMON = 0.5
-"""Share of the least variances that is added to the variances found over all recordings."""
+OFFSET_SD = 0.15  # least SD of an offset, rad: offsets change whenever an instrument is mounted
+OWN_SD = (0.02, 0.05, 0.10)  # least SD of a joint's error per rad of its own command: gain of roll, pitch, yaw
+COUPLING_SD = 0.03  # least SD of a joint's error per rad of another one's command
+SLACK_SD = 0.06 / np.sqrt(len(MULTIPLES))  # least SD of a joint's error per rad of slack
+OUTER_OFFSET_SD = np.array([3e-3, 3e-3, 5e-4])  # least SD of the offsets of q1 q2 q3: rad, rad, m
+COMMON = 0.5  # share of the least variances that is added to the variances found over all recordings
+
+
+@dataclass(frozen=True, eq=False)
+class LoopShape:
+    """The shape of the wrist's hysteresis loops, without the weights."""
+
+    radii: Array  # (3,) backlash of roll, pitch, yaw, rad
+    a: float  # share of yaw in the motion of the pitch cable
+    b: float  # share of pitch in the motion of the yaw cable
+
+    @staticmethod
+    def of(theta: Array) -> LoopShape:
+        """Return the shape with these parameters (5,): logarithms of the radii, a, b."""
+        return LoopShape(np.exp(theta[:3]), float(theta[3]), float(theta[4]))
+
+    @property
+    def theta(self) -> Array:
+        """Return the parameters (5,)."""
+        return np.array([*np.log(self.radii), self.a, self.b])
+
+    @property
+    def banks(self) -> Array:
+        """Return the radii (3, k) of all operators."""
+        return self.radii[:, None] * MULTIPLES
+
+    def slacks(self, q_cmd: Array, starts: Array) -> Array:
+        """Return the slacks (n, 3, s, k) along commands (n, 6), from ``starts`` (s,): shares of the radii."""
+        shape = (3, len(starts), len(MULTIPLES))
+        radii = np.broadcast_to(self.banks[:, None], shape)
+        slacks = play_slacks(q_cmd, self.a, self.b, radii.reshape(3, -1), (starts[:, None] * radii).reshape(3, -1))
+        return slacks.reshape(len(q_cmd), *shape)
+
+    def features(self, q_cmd: Array) -> Array:
+        """Return the features (n, FEATURES) along commands (n, 6) that start without slack."""
+        slacks = self.slacks(q_cmd, np.zeros(1))
+        return np.column_stack([np.ones(len(q_cmd)), q_cmd[:, WRIST], slacks.reshape(len(q_cmd), -1)])
+
+
+@dataclass(frozen=True, eq=False)
+class LoopFit:
+    """One recording's loops."""
+
+    name: str  # of the recording
+    shape: Array  # (5,) of ``LoopShape.theta``
+    weights: Array  # (3, FEATURES) of the map from ``LoopShape.features`` to the errors of q4 q5 q6
+    outer: Array  # (3, 7) of the errors of q1 q2 q3 as maps of 1 and the command, rad and m
+    left: Array  # (6,) variances of the errors that these maps leave
+
+
+def outer_features(q_cmd: Array) -> Array:
+    """Return the inputs (n, 7) of the linear maps for the errors of q1 q2 q3: 1 and the command."""
+    return np.column_stack([np.ones(len(q_cmd)), q_cmd])
+
+
+def fit_loops(recording: Recording) -> LoopFit:
+    """Return the fit to one recording alone."""
+    plant, valid = fit_plant(recording), recording.valid
+    shape = LoopShape(plant.radii, plant.a, plant.b)
+    error = recording.errors[valid]
+    whiten = DriftWhitener.of(np.flatnonzero(valid), DRIFT)
+    features = shape.features(recording.q_cmd)[valid]
+    weights = _ridge(features, error[:, WRIST], RIDGE, whiten)
+    outside = outer_features(recording.q_cmd)[valid]
+    outer = _ridge(outside, error[:, :3], OUTER_RIDGE, whiten)
+    left = np.concatenate([error[:, :3] - outside @ outer.T, error[:, WRIST] - features @ weights.T], axis=1)
+    return LoopFit(recording.name, shape.theta, weights, outer, np.mean(whiten(left) ** 2, axis=0))
+
+
+def _ridge(x: Array, y: Array, penalty: Array, whiten: DriftWhitener) -> Array:
+    x, y = whiten(x), whiten(y)
+    return np.asarray(np.linalg.solve(x.T @ x + np.diag(penalty), x.T @ y).T, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class FleetPrior:
-    """Normal distributions of the parameters of a fit, over instruments and sessions.
+    """Normal distributions of the parameters of a fit, over instruments and sessions."""
 
-    Attributes:
-        shape_mean: (5,) of ``LoopShape.theta``.
-        shape_sd: (5,) likewise.
-        weights: (3, FEATURES) mean of the map from ``LoopShape.features`` to the errors of q4 q5 q6.
-        factors: (3, FEATURES, FEATURES) lower Cholesky factors of its covariance, joint by joint.
-        noise_sd: (3,) SD of the errors that such a map leaves, rad.
-        outer_sd: (3, 7) SD of the maps from 1 and the command to the errors of q1 q2 q3, whose mean is 0; rad and m.
-        outer_noise_sd: (3,) SD of the errors that these leave, rad and m.
-        fits: the recordings that it was learned from.
-    """
-
-    shape_mean: NDArray[np.float64]
-    shape_sd: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    factors: NDArray[np.float64]
-    noise_sd: NDArray[np.float64]
-    outer_sd: NDArray[np.float64]
-    outer_noise_sd: NDArray[np.float64]
-    fits: tuple[LoopFit, ...]
+    shape_mean: Array  # (5,) of ``LoopShape.theta``
+    shape_sd: Array  # (5,) likewise
+    weights: Array  # (3, FEATURES) mean of the map from ``LoopShape.features`` to the errors of q4 q5 q6
+    factors: Array  # (3, FEATURES, FEATURES) lower Cholesky factors of its covariance, joint by joint
+    noise_sd: Array  # (3,) SD of the errors that such a map leaves, rad
+    # (3, 7) SD of the maps from 1 and the command to the errors of q1 q2 q3, whose mean is 0; rad and m
+    outer_sd: Array
+    outer_noise_sd: Array  # (3,) SD of the errors that these leave, rad and m
+    fits: tuple[LoopFit, ...]  # the recordings that it was learned from
 
     @staticmethod
     def of(fits: Sequence[LoopFit]) -> FleetPrior:
-        """Return the prior over instruments and sessions, from the fits to recordings of some of them.
-
-        Raises:
-            TrocarError: they are fewer than two.
-        """
+        """Return the prior from the fits to recordings of some instruments (TrocarError: they are fewer than two)."""
         if len(fits) < 2:
             raise InvalidInput("a prior", f"cannot be learned from {len(fits)} recordings", "give two or more")
         shapes, weights, outer, left = (
@@ -103,11 +163,7 @@ class FleetPrior:
         return tuple(fit.name for fit in self.fits)
 
     def without(self, instrument: str) -> FleetPrior:
-        """Return the prior without one instrument: without the recordings whose names begin like this.
-
-        Raises:
-            TrocarError: fewer than two are left.
-        """
+        """Return the prior without recordings whose names begin like this (TrocarError: fewer than two are left)."""
         return FleetPrior.of([fit for fit in self.fits if not fit.name.startswith(instrument)])
 
     def save(self, path: str | Path) -> Path:
@@ -121,11 +177,7 @@ class FleetPrior:
 
 
 def load_prior(name: str | Path) -> FleetPrior:
-    """Return the built-in prior (``fleet``), or that in a file.
-
-    Raises:
-        TrocarError: there is no such file, or it is not a prior.
-    """
+    """Return the built-in prior (``fleet``), or that in a file (TrocarError: there is none, or it is no prior)."""
     if str(name) == BUILT_IN:
         with as_file(files("trocar.calibration.fleet") / "fleet.npz") as path:
             return _load(path)
@@ -149,7 +201,7 @@ def _load(path: Path) -> FleetPrior:
         raise BadFile(path, f"is damaged: {error}", "learn it again", kind="prior") from None
 
 
-def _least_sd(joint: int) -> NDArray[np.float64]:
+def _least_sd(joint: int) -> Array:
     """Return the least SDs (FEATURES,) of one joint's weights."""
     sd = np.full(FEATURES, SLACK_SD)
     sd[0], sd[1:4], sd[1 + joint] = OFFSET_SD, COUPLING_SD, OWN_SD[joint]
@@ -157,9 +209,5 @@ def _least_sd(joint: int) -> NDArray[np.float64]:
 
 
 def learn_prior(recordings: Sequence[Recording]) -> FleetPrior:
-    """Return the prior over instruments and sessions, learned from recordings of some of them.
-
-    Raises:
-        InvalidInput: they are fewer than two.
-    """
+    """Return the prior learned from recordings of some instruments (InvalidInput: they are fewer than two)."""
     return FleetPrior.of([fit_loops(recording) for recording in recordings])

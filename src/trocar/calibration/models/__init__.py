@@ -1,10 +1,19 @@
-"""Cable models with a common interface; ``MODELS`` lists them by name."""
+"""Cable models by name, and in files: nothing in a file is trusted before it is checked."""
 
-from trocar.calibration.models.base import CableModel, TrainingMotion
-from trocar.calibration.models.files import MODELS, load_model, save_model
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from trocar.calibration.models.base import CableModel, TrainingMotion, shaped
 from trocar.calibration.models.linear import OffsetModel, RidgeModel
 from trocar.calibration.models.lstm import LstmModel
 from trocar.calibration.models.play import PlayModel
+from trocar.calibration.recording import MISDETECTION_RAD, looks_like_recording
+from trocar.errors import BadFile, InvalidInput
+from trocar.files.archive import Archive, read_archive
+from trocar.registry import Registry
 
 __all__ = [
     "MODELS",
@@ -17,3 +26,68 @@ __all__ = [
     "load_model",
     "save_model",
 ]
+
+MODELS: Registry[type[CableModel]] = Registry(
+    "cable model",
+    "trocar.cable_models",
+    {model.name: model for model in (OffsetModel, RidgeModel, LstmModel, PlayModel)},
+)
+"""Every cable model by its name on the command line."""
+
+FORMAT = "trocar cable model"
+VERSION = 2
+
+
+def save_model(model: CableModel, path: str | Path, fingerprint: str = "") -> Path:
+    """Write a model to an ``.npz`` file; an interrupted write leaves an older file intact.
+
+    Args:
+        model: to be kept.
+        path: of the file, ending in ``.npz``.
+        fingerprint: of the run that it belongs to, if it belongs to one.
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        raise BadFile(path, "does not end in .npz", "choose another name", kind="model file")
+    training = model.training
+    header = {"format": FORMAT, "version": VERSION, "name": model.name, "rows": training.rows, "run": fingerprint}
+    motion = {f"training_{key}": getattr(training, key) for key in ("interval", "lower", "upper")}
+    return Archive(header, {**motion, **model.arrays()}).save(path)
+
+
+def load_model(path: str | Path, fingerprint: str | None = None) -> CableModel:
+    """Return the model in a file that :func:`save_model` wrote.
+
+    Args:
+        path: of the file.
+        fingerprint: of the run that it has to belong to; None: to any or none.
+
+    Raises:
+        BadFile: there is no such file, it is no cable model, a damaged one, or another run's.
+    """
+    if looks_like_recording(path):
+        raise BadFile(path, "is a recording, not a cable model", "give a file that `calibrate fit` wrote")
+    archive = read_archive(path, FORMAT, VERSION)
+    name, run, rows = (archive.header.get(key) for key in ("name", "run", "rows"))
+    if not isinstance(name, str) or name not in MODELS:
+        raise BadFile(path, f"is of kind {str(name)[:40]!r}", f"this Trocar knows {', '.join(MODELS)}", kind="model")
+    if fingerprint is not None and run != fingerprint:
+        raise BadFile(path, "belongs to another run", "move it away, or choose another folder", kind="model")
+    try:
+        motion = shaped(archive.arrays, training_interval=(6,), training_lower=(6,), training_upper=(6,))
+        if not isinstance(rows, int) or rows < 1 or (motion["training_lower"] > motion["training_upper"]).any():
+            raise InvalidInput("its training motion", "is none")
+        training = TrainingMotion(*(np.asarray(value, dtype=np.float64) for value in motion.values()), rows=rows)
+        model = MODELS[name].from_arrays(archive.arrays, training)
+        _require_sense(model)
+    except InvalidInput as error:
+        raise BadFile(path, f"is damaged: {error}", "fit it again", kind="model") from None
+    return model
+
+
+def _require_sense(model: CableModel) -> None:
+    """Raise if a model predicts absurd errors in the middle of the motion that it was fitted on."""
+    middle = (model.training.lower + model.training.upper) / 2
+    off = model.step(model.start(middle), middle)[0] - middle
+    if off.shape != (6,) or not np.isfinite(off).all() or np.abs(off).max() > MISDETECTION_RAD:
+        raise InvalidInput("the model", "expects errors that no cable has")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -12,32 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.calibration.recording import Recording
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 
-MAX_VALUE = 1e6
-"""Numbers of a cable model are not larger than this: features are standardised, angles in rad."""
-
-MIN_ROWS = 30
-"""Fewer valid rows than this do not identify a model's offsets, let alone its hysteresis."""
-
+MAX_VALUE = 1e6  # numbers of a cable model are not larger than this: features are standardised, angles in rad
+MIN_ROWS = 30  # fewer valid rows than this do not identify a model's offsets, let alone its hysteresis
 Arrays = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingMotion:
-    """Statistics of the motion that a model was fitted on, in joint space.
+    """Statistics of the motion that a model was fitted on, in joint space."""
 
-    Attributes:
-        interval: (6,) mean step |dq| between samples, rad and m (q3); paths of tasks are resampled to it.
-        lower: (6,) smallest command.
-        upper: (6,) largest command.
-        rows: number of valid rows used.
-    """
-
-    interval: NDArray[np.float64]
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    rows: int
+    interval: Array  # (6,) mean step |dq| between samples, rad and m (q3), to which paths are resampled
+    lower: Array  # (6,) smallest command
+    upper: Array  # (6,) largest command
+    rows: int  # number of valid rows used
 
     def __post_init__(self) -> None:
         require_numbers(self)
@@ -82,19 +71,19 @@ class CableModel(Protocol):
         """Return the model fitted on the valid rows; all commands enter its memory."""
         ...
 
-    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a whole history of commands (n, 6)."""
         ...
 
-    def start(self, q_cmd: NDArray[np.float64]) -> Any:
+    def start(self, q_cmd: Array) -> Any:
         """Return the state of an arm that has been at rest at this command (6,)."""
         ...
 
-    def step(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
+    def step(self, state: Any, q_cmd: Array) -> tuple[Array, Any]:
         """Return the joints (6,) after the command (6,), and the new state."""
         ...
 
-    def shifted(self, offset: NDArray[np.float64]) -> Self:
+    def shifted(self, offset: Array) -> Self:
         """Return the model with this offset (6,) added to all predictions: the same cables in another session."""
         ...
 
@@ -112,9 +101,19 @@ class CableModel(Protocol):
 class Invertible(Protocol):
     """A cable model that also provides the wrist's Jacobian: its commands are found exactly, not by Algorithm 1."""
 
-    def linearize(self, state: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linearize(self, state: Any, q_cmd: Array) -> tuple[Array, Array]:
         """Return the joints (6,) after the command (6,), and the wrist's d q_joint / d q_cmd (3, 3)."""
         ...
+
+
+class WithOffset:
+    """A cable model, a dataclass, whose predictions contain an offset."""
+
+    offset: Array  # (6,) rad and m (q3)
+
+    def shifted(self, offset: Array) -> Self:
+        """Return the model with this offset (6,) added to its predictions."""
+        return replace(self, offset=self.offset + offset)  # type: ignore[type-var]
 
 
 def in_words(model: CableModel, more: str = "") -> str:
@@ -122,12 +121,12 @@ def in_words(model: CableModel, more: str = "") -> str:
     return f"<cable model {model.name!r}, fitted on {model.training.rows} rows{f': {more}' if more else ''}>"
 
 
-def commands(q_cmd: ArrayLike) -> NDArray[np.float64]:
+def commands(q_cmd: ArrayLike) -> Array:
     """Return a history of commands as float64 (n, 6), one row of q1 to q6 per sample; raises InvalidInput."""
     return finite("commands q1 to q6", q_cmd, "n", 6)
 
 
-def sampling_interval(q: NDArray[np.float64]) -> NDArray[np.float64]:
+def sampling_interval(q: Array) -> Array:
     """Return the mean step |dq| (6,) between the samples of a motion (n, 6), ignoring pauses."""
     steps = np.abs(np.diff(q, axis=0))
     moving = steps[steps.max(axis=1, initial=0.0) > 1e-9]
@@ -139,12 +138,9 @@ def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray
 
     >>> shaped(arrays, offset=(6,), radii=(3, "k"), linear=(3, "d"))
 
-    Args:
-        arrays: of a model's file.
-        shapes: by name; a letter stands for any length, the same wherever it stands.
+    A letter in a shape stands for any length, the same wherever it stands.
 
-    Raises:
-        InvalidInput: one is missing, has another shape, or holds what is not finite or absurdly large.
+    Raises InvalidInput: one is missing, has another shape, or holds what is not finite or absurdly large.
     """
     lengths: dict[str, int] = {}
     found: dict[str, NDArray[Any]] = {}

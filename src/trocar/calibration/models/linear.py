@@ -2,48 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
+from trocar.calibration.models.base import Arrays, TrainingMotion, WithOffset, commands, in_words, shaped
 from trocar.calibration.recording import Recording
+from trocar.geometry.arrays import Array
 
-PRIOR_COMMANDS = 5
-"""Number of prior commands in a window, in addition to the present one (paper, section IV-A)."""
+PRIOR_COMMANDS = 5  # number of prior commands in a window, in addition to the present one (paper, section IV-A)
 
 
-def windows(q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+def windows(q_cmd: Array) -> Array:
     """Return each sample's window, oldest first, (n, 6) -> (n, 1 + 5, 6); the arm is at rest before the first."""
     rows = np.arange(len(q_cmd))[:, None] + np.arange(-PRIOR_COMMANDS, 1)
     return q_cmd[np.maximum(rows, 0)]
 
 
-def resting_window(q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+def resting_window(q_cmd: Array) -> Array:
     """Return the prior commands (5, 6) of an arm that has been at rest at this command (6,)."""
     return np.repeat(q_cmd[None], PRIOR_COMMANDS, axis=0)
 
 
-def advance(prior: NDArray[np.float64], q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the window (6, 6) of a command (6,) that follows its prior commands (5, 6)."""
-    return np.concatenate([prior, q_cmd[None]])
-
-
 @dataclass(frozen=True, eq=False)
-class OffsetModel:
-    """``q_joint = q_cmd + offset``: no memory, no coupling.
-
-    Attributes:
-        offset: (6,) rad and m (q3).
-        training: the motion it was fitted on.
-    """
+class OffsetModel(WithOffset):
+    """``q_joint = q_cmd + offset``: no memory, no coupling."""
 
     name: ClassVar[str] = "offset"
     rate_independent: ClassVar[bool] = True
-    offset: NDArray[np.float64]
-    training: TrainingMotion
+    offset: Array  # (6,) rad and m (q3)
+    training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
         offsets = ", ".join(f"{x:.2f}" for x in np.degrees(self.offset[3:]))
@@ -52,23 +42,19 @@ class OffsetModel:
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
         """Return the model with the mean error over the valid rows."""
-        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        error = recording.errors[recording.valid]
         return cls(error.mean(axis=0), TrainingMotion.of(recording))
 
-    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a history of commands (n, 6)."""
         return commands(q_cmd) + self.offset
 
-    def start(self, q_cmd: NDArray[np.float64]) -> None:
+    def start(self, q_cmd: Array) -> None:
         """Return None: the model has no state."""
 
-    def step(self, state: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
+    def step(self, state: None, q_cmd: Array) -> tuple[Array, None]:
         """Return the joints (6,) after the command (6,)."""
         return q_cmd + self.offset, None
-
-    def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model with this offset (6,) added to its predictions."""
-        return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays for the file."""
@@ -80,25 +66,18 @@ class OffsetModel:
         return cls(shaped(arrays, offset=(6,))["offset"], training)
 
 
-PENALTY = 1.0
-"""Ridge penalty on standardised windows: about one sample in a thousand."""
+PENALTY = 1.0  # ridge penalty on standardised windows: about one sample in a thousand
 
 
 @dataclass(frozen=True, eq=False)
-class RidgeModel:
-    """``q_joint = q_cmd + offset + W vec(window)``; the window is the command and five prior ones.
-
-    Attributes:
-        weights: (36, 6) from window (oldest command first, joints contiguous) to errors.
-        offset: (6,) rad and m (q3).
-        training: the motion it was fitted on.
-    """
+class RidgeModel(WithOffset):
+    """``q_joint = q_cmd + offset + W vec(window)``; the window is the command and five prior ones."""
 
     name: ClassVar[str] = "ridge"
     rate_independent: ClassVar[bool] = False
-    weights: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    training: TrainingMotion
+    weights: Array  # (36, 6) from window (oldest command first, joints contiguous) to errors
+    offset: Array  # (6,) rad and m (q3)
+    training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
         return in_words(self)
@@ -107,7 +86,7 @@ class RidgeModel:
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
         """Return the model fitted by ridge regression on standardised inputs."""
         x = windows(recording.q_cmd).reshape(len(recording), -1)[recording.valid]
-        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        error = recording.errors[recording.valid]
         mean, scale = x.mean(axis=0), x.std(axis=0)
         scale = np.where(scale > 1e-9, scale, np.inf)
         z = (x - mean) / scale
@@ -115,25 +94,19 @@ class RidgeModel:
         weights = np.linalg.solve(normal, z.T @ (error - error.mean(axis=0))) / scale[:, None]
         return cls(weights, error.mean(axis=0) - mean @ weights, TrainingMotion.of(recording))
 
-    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a history of commands (n, 6)."""
         q = commands(q_cmd)
         return q + self.offset + windows(q).reshape(len(q), -1) @ self.weights
 
-    def start(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def start(self, q_cmd: Array) -> Array:
         """Return the prior commands (5, 6) of an arm at rest."""
         return resting_window(q_cmd)
 
-    def step(
-        self, state: NDArray[np.float64], q_cmd: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def step(self, state: Array, q_cmd: Array) -> tuple[Array, Array]:
         """Return the joints (6,) after the command (6,), and the new prior commands."""
-        window = advance(state, q_cmd)
+        window = np.concatenate([state, q_cmd[None]])
         return q_cmd + self.offset + window.ravel() @ self.weights, window[1:]
-
-    def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model with this offset (6,) added to its predictions."""
-        return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays for the file."""

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.calibration.models.base import Arrays, TrainingMotion, commands, in_words, shaped
-from trocar.calibration.models.linear import advance, resting_window, windows
+from trocar.calibration.models.base import Arrays, TrainingMotion, WithOffset, commands, in_words, shaped
+from trocar.calibration.models.linear import resting_window, windows
 from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
 from trocar.extras import how_to_install
+from trocar.geometry.arrays import Array
 
-HIDDEN = 256
-"""Number of units of the recurrent and of each dense layer (paper, section IV-A)."""
+HIDDEN = 256  # number of units of the recurrent and of each dense layer (paper, section IV-A)
 
 SHAPES = {
     "input": (4 * HIDDEN, 6),
@@ -30,37 +30,24 @@ SHAPES = {
     "out": (6, HIDDEN),
     "bias_out": (6,),
 }
-"""Shapes of the network's weights, by name."""
+"""Shapes of the network's weights, by name; the gates are in the order i f g o."""
 
 Weights = dict[str, NDArray[np.floating]]
-
-Memory = tuple[NDArray[np.floating], NDArray[np.floating]]
-"""State of the recurrent layer: hidden and cell (..., h)."""
+Memory = tuple[NDArray[np.floating], NDArray[np.floating]]  # state of the recurrent layer: hidden and cell (..., h)
 
 
 @dataclass(frozen=True, eq=False)
-class LstmModel:
-    """``q_joint = q_cmd + scale * network(window) + offset``; the window is the command and five prior ones.
-
-    Attributes:
-        weights: by name (:data:`SHAPES`): ``input`` (4h, 6), ``recurrent`` (4h, h), ``bias`` (4h,), the
-            gates in the order i f g o; ``dense1``, ``dense2`` (h, h), ``out`` (6, h) with their biases.
-            Single precision, as in training: predictions are accurate to 1e-6 of the error's SD.
-        input_mean: (6,) mean of the training commands.
-        input_scale: (6,) SD of the training commands.
-        error_scale: (6,) SD of the training errors.
-        offset: (6,) mean of the training errors.
-        training: the motion it was fitted on.
-    """
+class LstmModel(WithOffset):
+    """``q_joint = q_cmd + scale * network(window) + offset``; the window is the command and five prior ones."""
 
     name: ClassVar[str] = "lstm"
     rate_independent: ClassVar[bool] = False
-    weights: Weights
-    input_mean: NDArray[np.float64]
-    input_scale: NDArray[np.float64]
-    error_scale: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    training: TrainingMotion
+    weights: Weights  # by name; single precision, as in training: accurate to 1e-6 of the error's SD
+    input_mean: Array  # (6,) mean of the training commands
+    input_scale: Array  # (6,) SD of the training commands
+    error_scale: Array  # (6,) SD of the training errors
+    offset: Array  # (6,) mean of the training errors
+    training: TrainingMotion  # the motion it was fitted on
 
     def __repr__(self) -> str:
         return in_words(self)
@@ -70,7 +57,7 @@ class LstmModel:
         """Return the network trained by Adam on the mean squared error; needs the extra ``learn``."""
         training = TrainingMotion.of(recording)
         x = windows(recording.q_cmd)[recording.valid]
-        error = (recording.q_phy - recording.q_cmd)[recording.valid]
+        error = recording.errors[recording.valid]
         mean, scale = x[:, -1].mean(axis=0), _scale(x[:, -1])
         offset, error_scale = error.mean(axis=0), _scale(error)
         try:
@@ -81,24 +68,21 @@ class LstmModel:
         weights = trainer.train((x - mean) / scale, (error - offset) / error_scale, HIDDEN, rng)
         return cls(weights, mean, scale, error_scale, offset, training)
 
-    def predict(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def predict(self, q_cmd: Array) -> Array:
         """Return the joints (n, 6) for a history of commands (n, 6)."""
         q = commands(q_cmd)
-        return q + self._error(windows(q))
+        hidden, _ = remember(self.weights, self._standard(windows(q)))
+        return q + (self.offset + self.error_scale * dense(self.weights, hidden))
 
-    def start(self, q_cmd: NDArray[np.float64]) -> LstmState:
+    def start(self, q_cmd: Array) -> LstmState:
         """Return the state of an arm that has been at rest at this command (6,)."""
         return LstmState(self, resting_window(q_cmd))
 
-    def step(self, state: LstmState, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], LstmState]:
+    def step(self, state: LstmState, q_cmd: Array) -> tuple[Array, LstmState]:
         """Return the joints (6,) after the command (6,), and the new state."""
         hidden, _ = recur(self.weights, self._standard(q_cmd), state.memory)
         joints = q_cmd + self.offset + self.error_scale * dense(self.weights, hidden)
-        return joints, LstmState(self, advance(state.prior, q_cmd)[1:])
-
-    def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model with this offset (6,) added to its predictions."""
-        return replace(self, offset=self.offset + offset)
+        return joints, LstmState(self, np.concatenate([state.prior[1:], q_cmd[None]]))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays for the file."""
@@ -113,15 +97,7 @@ class LstmModel:
         weights = {key: np.ascontiguousarray(found[f"weight_{key}"], dtype=np.float32) for key in SHAPES}
         return cls(weights=weights, training=training, **own)
 
-    def remember(self, prior: NDArray[np.float64]) -> Memory:
-        """Return the recurrent layer's state after prior commands (..., 5, 6), starting from zero."""
-        return remember(self.weights, self._standard(prior))
-
-    def _error(self, window: NDArray[np.float64]) -> NDArray[np.float64]:
-        hidden, _ = self.remember(window)
-        return self.offset + self.error_scale * dense(self.weights, hidden)
-
-    def _standard(self, q_cmd: NDArray[np.float64]) -> NDArray[np.floating]:
+    def _standard(self, q_cmd: Array) -> NDArray[np.floating]:
         return ((q_cmd - self.input_mean) / self.input_scale).astype(np.float32)
 
 
@@ -130,12 +106,12 @@ class LstmState:
     """The prior commands (5, 6) of a window; the network processes them once for all candidate next commands."""
 
     model: LstmModel
-    prior: NDArray[np.float64]
+    prior: Array
 
     @cached_property
     def memory(self) -> Memory:
         """The recurrent layer's state after the prior commands."""
-        return self.model.remember(self.prior)
+        return remember(self.model.weights, self.model._standard(self.prior))
 
 
 def recur(weights: Weights, z: NDArray[np.floating], memory: Memory) -> Memory:
@@ -167,6 +143,6 @@ def _sigmoid(x: NDArray[np.floating]) -> NDArray[np.floating]:
     return 0.5 + 0.5 * np.tanh(0.5 * x)
 
 
-def _scale(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _scale(x: Array) -> Array:
     sd = x.std(axis=0)
     return np.where(sd > 1e-9, sd, 1.0)

@@ -13,6 +13,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_banded
 
 from trocar.calibration.models.base import Arrays, shaped
 from trocar.errors import InvalidInput
+from trocar.geometry.arrays import Array
 
 DRIFT_RATIOS = (0.0, 0.3)
 """Candidate ratios of the drift's variance to that of the independent noise: none, or the best in forward chaining over
@@ -28,16 +29,11 @@ class DriftWhitener:
 
     ``white(a) = inverse(L) @ a`` with ``L L^T = I + ratio exp(-|i - j| / DRIFT_ROWS)`` over the rows i, j, in linear
     time: the innovations of a Kalman filter, each divided by its standard deviation.
-
-    Attributes:
-        carry: (n,) weight of the last prediction in the next one.
-        gain: (n,) weight of the last row in the next prediction.
-        sd: (n,) SD of a row about its prediction.
     """
 
-    carry: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    sd: NDArray[np.float64]
+    carry: Array  # (n,) weight of the last prediction in the next one
+    gain: Array  # (n,) weight of the last row in the next prediction
+    sd: Array  # (n,) SD of a row about its prediction
 
     @classmethod
     def of(cls, rows: NDArray[np.int64], ratio: float) -> Self:
@@ -54,31 +50,28 @@ class DriftWhitener:
             sd[k] = sqrt(variance + 1.0)
         return cls(carry, gain, sd)
 
-    def __call__(self, a: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, a: Array) -> Array:
         """Return ``inverse(L) @ a``; (n, k) -> (n, k)."""
         inflow = np.zeros_like(a)
         inflow[1:] = self.gain[1:, None] * a[:-1]
         bands = np.stack([np.ones(len(a)), -np.append(self.carry[1:], 0.0)])
         return (a - solve_banded((1, 0), bands, inflow)) / self.sd[:, None]
 
-    def log_likelihood(self, residuals: NDArray[np.float64]) -> float:
+    def log_likelihood(self, residuals: Array) -> float:
         """Return the log likelihood of residuals (n, k) up to a constant, each column with its most likely scale."""
         n, k = residuals.shape
         spread = np.mean(self(residuals) ** 2, axis=0) + 1e-12
         return float(-0.5 * n * np.log(spread).sum() - k * np.log(self.sd).sum())
 
 
-def drift_ratio(rows: NDArray[np.int64], residuals: NDArray[np.float64]) -> float:
+def drift_ratio(rows: NDArray[np.int64], residuals: Array) -> float:
     """Return the most likely of :data:`DRIFT_RATIOS` for residuals (n, k) at rows (n,)."""
     return max(DRIFT_RATIOS, key=lambda ratio: DriftWhitener.of(rows, ratio).log_likelihood(residuals))
 
 
-BLOCKS = 5
-"""Number of time blocks of the inner validation; each is predicted from the others."""
-LENGTH = 3.0
-"""Width of a bump in SDs of its inputs: wide enough for a map that bends slowly and stays invertible."""
-CENTRES = 400
-"""Maximum number of bumps, which are centred on training samples evenly spaced in time."""
+BLOCKS = 5  # number of time blocks of the inner validation; each is predicted from the others
+LENGTH = 3.0  # width of a bump in SDs of its inputs: wide enough for a map that bends slowly and stays invertible
+CENTRES = 400  # maximum number of bumps, which are centred on training samples evenly spaced in time
 PENALTIES = (3.0, 30.0)
 NOISE_RATIOS = (0.1, 1.0, np.inf)
 """Candidates of the inner validation: ridge penalties on standardised linear features, and ratios of noise to signal
@@ -87,32 +80,23 @@ variance of the bumps (inf: no bumps)."""
 
 @dataclass(frozen=True, eq=False)
 class PlayMap:
-    """``linear @ x + bumps @ exp(-|z - c|^2 / 2)``, ``z = (x[inputs] - mean) / scale``.
+    """``linear @ x + bumps @ exp(-|z - c|^2 / 2)``, ``z = (x[inputs] - mean) / scale``."""
 
-    Attributes:
-        linear: (3, d) weights of all features x = [q4 q5 q6, slacks].
-        inputs: (p,) indices of the bumps' inputs: the commands and the slacks of the identified radii.
-        mean: (p,) means of the inputs.
-        scale: (p,) SDs of the inputs times the bumps' width.
-        centres: (m, p) centres of the bumps in z.
-        bumps: (3, m) weights of the bumps.
-    """
+    linear: Array  # (3, d) weights of all features x = [q4 q5 q6, slacks]
+    inputs: NDArray[np.int64]  # (p,) indices of the bumps' inputs: the commands and the slacks of the identified radii
+    mean: Array  # (p,) means of the inputs
+    scale: Array  # (p,) SDs of the inputs times the bumps' width
+    centres: Array  # (m, p) centres of the bumps in z
+    bumps: Array  # (3, m) weights of the bumps
 
-    linear: NDArray[np.float64]
-    inputs: NDArray[np.int64]
-    mean: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    centres: NDArray[np.float64]
-    bumps: NDArray[np.float64]
-
-    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, x: Array) -> Array:
         """Return the errors of q4 q5 q6; (..., d) -> (..., 3)."""
         value = x @ self.linear.T
         if len(self.centres):
             value += _kernel((x[..., self.inputs] - self.mean) / self.scale, self.centres) @ self.bumps.T
         return value
 
-    def linearize(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linearize(self, x: Array) -> tuple[Array, Array]:
         """Return the errors (3,) at x (d,) and their gradient (3, d)."""
         value, gradient = self.linear @ x, self.linear.copy()
         if len(self.centres):
@@ -122,7 +106,7 @@ class PlayMap:
             gradient[:, self.inputs] += (weighted @ away) / self.scale
         return value, gradient
 
-    def slopes(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def slopes(self, x: Array) -> tuple[Array, Array]:
         """Return the errors (n, 3) at many x (n, d) and their gradients (n, 3, d)."""
         value = x @ self.linear.T
         gradient = np.tile(self.linear, (len(x), 1, 1))
@@ -136,7 +120,7 @@ class PlayMap:
         return value, gradient
 
     @cached_property
-    def _bumps_times_centres(self) -> NDArray[np.float64]:
+    def _bumps_times_centres(self) -> Array:
         """Return (m, 3 p): the terms that the kernel's gradient sums over the centres."""
         return np.einsum("jm,mp->mjp", self.bumps, self.centres).reshape(len(self.centres), -1)
 
@@ -146,12 +130,7 @@ class PlayMap:
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, radii: int) -> PlayMap:
-        """Return the map from the arrays of a file.
-
-        Args:
-            arrays: of the file.
-            radii: how many play operators each joint has.
-        """
+        """Return the map from a file's arrays, of a model with this many play operators for each joint."""
         features = 3 + 3 * radii
         own = shaped(
             arrays,
@@ -168,9 +147,7 @@ class PlayMap:
         return cls(**{key: own[f"map_{key}"] for key in cls.__dataclass_fields__})
 
 
-def fit_map(
-    x: NDArray[np.float64], y: NDArray[np.float64], rows: NDArray[np.int64]
-) -> tuple[PlayMap, NDArray[np.float64]]:
+def fit_map(x: Array, y: Array, rows: NDArray[np.int64]) -> tuple[PlayMap, Array]:
     """Return the map from features (n, d) to errors (n, 3) at these rows, and the constant (3,) to add to it.
 
     Least squares account for slow drift (:class:`DriftWhitener`) if the residuals of a first fit show it. Ridge penalty
@@ -193,19 +170,12 @@ def fit_map(
     bumps = np.array([fitted.bumps[j] for j, (fitted, _) in enumerate(best)])
     constant = np.array([constant[j] for j, (_, constant) in enumerate(best)])
     used = slice(None) if bumps.any() else slice(0)
-    return (
-        PlayMap(linear, first.inputs, first.mean, first.scale, first.centres[used], bumps[:, used]),
-        constant,
-    )
+    return (PlayMap(linear, first.inputs, first.mean, first.scale, first.centres[used], bumps[:, used]), constant)
 
 
 def _fits(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    drift: float,
-    candidates: list[tuple[float, float]],
-) -> list[tuple[PlayMap, NDArray[np.float64]]]:
+    x: Array, y: Array, rows: NDArray[np.int64], drift: float, candidates: list[tuple[float, float]]
+) -> list[tuple[PlayMap, Array]]:
     """Return the map and its constant for each (penalty, noise ratio)."""
     slacks_per_joint = (x.shape[1] - 3) // 3
     inputs = np.concatenate([np.arange(3), 3 + slacks_per_joint * np.arange(3)])
@@ -231,9 +201,7 @@ def _fits(
     return fits
 
 
-def fit_linear(
-    x: NDArray[np.float64], y: NDArray[np.float64], penalty: float, whiten: DriftWhitener | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def fit_linear(x: Array, y: Array, penalty: float, whiten: DriftWhitener | None = None) -> tuple[Array, Array]:
     """Return weights (outputs, d) and constant (outputs,) of a ridge regression on standardised features."""
     mean, scale = x.mean(axis=0), _scale(x)
     z = np.column_stack([np.ones(len(x)), (x - mean) / scale])
@@ -245,13 +213,13 @@ def fit_linear(
     return linear, weights[0] - linear @ mean
 
 
-def _scale(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _scale(x: Array) -> Array:
     """Return the SD of each column; infinite for constant columns, which then have no weight."""
     sd = x.std(axis=0)
     return np.where(sd > 1e-9, sd, np.inf)
 
 
-def _kernel(z: NDArray[np.float64], centres: NDArray[np.float64]) -> NDArray[np.float64]:
+def _kernel(z: Array, centres: Array) -> Array:
     """Return ``exp(-|z - c|^2 / 2)``; (..., p), (m, p) -> (..., m)."""
     square = np.sum(z * z, -1)[..., None] + np.sum(centres * centres, -1) - 2.0 * z @ centres.T
     return np.exp(-0.5 * np.maximum(square, 0.0))

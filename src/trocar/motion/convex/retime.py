@@ -8,36 +8,27 @@ from math import ceil, inf
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.motion.arm_motion import JOINTS, ArmMotion
+from trocar.motion.check import tip_speeds_m_s
+from trocar.motion.convex.scene import columns_of
 from trocar.motion.limits import hulls
-from trocar.motion.tip import tip_speeds_m_s
+from trocar.motion.problem import ArmMotion
 from trocar.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-STEPS, LEAST_STEPS = 5, 25
-"""Steps of constant acceleration along the path in each of its pieces, and on all of it at least."""
-HEADROOM = 2e-3
-"""Share of every limit that is kept in reserve for what lies between the steps."""
-LEAST = 1e-12
-"""Slopes below this share of a limit do not bind."""
-KEPT = 1 - 1e-7
-"""Share of the limits that is used in the end."""
-SAMPLES = 3
-"""Samples per step at which the use of the limits is measured in the end."""
+STEPS, LEAST_STEPS = 5, 25  # steps of constant acceleration along each piece of the path, and on all of it at least
+HEADROOM = 2e-3  # share of every limit that is kept in reserve for what lies between the steps
+LEAST = 1e-12  # slopes below this share of a limit do not bind
+KEPT = 1 - 1e-7  # share of the limits that is used in the end
+SAMPLES = 3  # samples per step at which the use of the limits is measured in the end
 
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """A path with its timing.
+    """A path with its timing."""
 
-    Attributes:
-        motion: of all joints over time, exactly on the path: polynomials of degree 6, or 2 on a straight line.
-        shares: (n + 1,) of the path at the motion's knots.
-    """
-
-    motion: Trajectory
-    shares: Array
+    motion: Trajectory  # of all joints over time, exactly on the path: polynomials of degree 6, or 2 on a straight line
+    shares: Array  # (n + 1,) of the path at the motion's knots
 
     def times_s(self, shares: Array) -> Array:
         """Return the times at which shares (k,) of the path, at or near the motion's knots, are passed, from 0 on."""
@@ -55,12 +46,8 @@ def retimed(path: Trajectory, arms: tuple[ArmMotion, ...], passing: Array) -> Ti
     """Return the fastest motion from rest to rest along a path, all arms together.
 
     Time-optimal path parameterisation by two passes (Pham & Pham 2018), with the square of the speed linear in the
-    share in every step; if limits are exceeded between the steps, the motion is slowed down a little.
-
-    Args:
-        path: of all joints side by side, over the share: linear or cubic.
-        arms: whose joints, limits and tips.
-        passing: (k,) shares that must be knots of the motion.
+    share in every step; if limits are exceeded between the steps, the motion is slowed down a little. The path is of
+    all joints side by side, linear or cubic over the share; the shares ``passing`` (k,) become knots of the motion.
     """
     knots = path.times_s
     steps = max(STEPS, ceil(LEAST_STEPS / (len(knots) - 1)))
@@ -78,7 +65,7 @@ def retimed(path: Trajectory, arms: tuple[ArmMotion, ...], passing: Array) -> Ti
         times = (motion.times_s[:-1, None] + inside * np.diff(motion.times_s)[:, None]).ravel()
         q, v = motion(times), motion(np.minimum(times, np.nextafter(motion.times_s[-1], 0.0)), 1)
         for k, arm in enumerate(arms):
-            columns = slice(JOINTS * k, JOINTS * (k + 1))
+            columns = columns_of(k)
             tip = tip_speeds_m_s(arm, q[:, columns], v[:, columns]).reshape(-1, SAMPLES)
             between = np.abs(np.diff(tip, n=2, axis=1)).max(axis=1) / 8  # what a parabola hides between samples
             stretch = max(stretch, float((tip.max(axis=1) + between).max()) / arm.max_tip_m_s)
@@ -98,7 +85,7 @@ def _fastest(path: Trajectory, shares: Array, arms: tuple[ArmMotion, ...]) -> Ar
     top = 1.0 / np.maximum((np.abs(slope) / speed).max(axis=1), LEAST) ** 2
     for k, arm in enumerate(arms):
         if arm.max_tip_m_s < inf:
-            columns = slice(JOINTS * k, JOINTS * (k + 1))
+            columns = columns_of(k)
             tip = tip_speeds_m_s(arm, path(inner)[:, columns], path(inner, 1)[:, columns])
             top = np.minimum(top, ((1 - HEADROOM) * arm.max_tip_m_s / np.maximum(tip, LEAST)) ** 2)
     top[0] = top[-1] = 0.0

@@ -1,4 +1,4 @@
-"""Where to start and how to go on: the search over convex programmes."""
+"""Where to start and how to go on: the search over convex programs."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.motion.arm_motion import JOINTS, ArmMotion
-from trocar.motion.convex.programme import (
-    CERTIFIED_M,
-    THROUGH_M,
-    Programme,
+from trocar.errors import NoPlan
+from trocar.motion.clearance import clearance_of
+from trocar.motion.convex.path_program import (
+    PathProgram,
     Rows,
-    clearance,
     distance_rows,
     faces,
     facing_rows,
@@ -24,40 +22,65 @@ from trocar.motion.convex.programme import (
     taper,
 )
 from trocar.motion.convex.retime import Timing, retimed
-from trocar.motion.convex.scene import Curve, Scene, curve_of
-from trocar.motion.problem import MotionProblem
+from trocar.motion.convex.scene import Scene, columns_of, joint_path
+from trocar.motion.curve import Curve
+from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Way = tuple[float, float, float]  # offsets of the first two joints (rad), and how far the instrument is pulled back (m)
 
-FEW = ((0.0, 0.0, 0.03), (0.0, 0.0, 0.06), (0.2, 0.0, 0.0), (-0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, -0.2, 0.0))
-"""Detours that are tried first: offsets of the first two joints (rad), and how far the instrument is pulled back
-(m)."""
+# Detours that are tried first, and next.
+FEW: tuple[Way, ...] = ((0, 0, 0.03), (0, 0, 0.06), (0.2, 0, 0), (-0.2, 0, 0), (0, 0.2, 0), (0, -0.2, 0))
 MORE = tuple((a, b, c) for c in (0.0, 0.04, 0.08) for a in (-0.4, 0.0, 0.4) for b in (-0.4, 0.0, 0.4) if a or b or c)
-"""Detours that are tried next."""
+PIECES, PIECES_A_WAYPOINT = 9, 4  # pieces of the curve, and additional ones for each waypoint on the way
+SAMPLES_A_PIECE = 4  # places at which a path is planned; it is certified between them too
+COARSE = 2  # when starts are compared, only one in this many of these places is used
+FINER = 4  # facing is checked in the end at this many times the places used for planning
+MARGIN_M, MARGIN_RAD = 5e-4, 0.01  # initial extra margin of distances and angles, for what lies between the places
+WATCHED_M = 0.015  # a pair gets a row if it is closer than the required distance plus this
+NEAR_M = 0.04  # a pair is tracked if it is closer than that plus this at the start
+CERTIFIED_M = 1e-6  # a certified distance may fall short of the required one by this: a tenth of what the check allows
+# A path whose distance falls short by this much, though not at the planned places, passes through something.
+THROUGH_M = 3e-3
+PRICE = 300.0  # penalty per metre of a violated distance, relative to the energy
+TRUST_RAD, TRUST_M = 0.35, 0.05  # greatest change of a control point in one step, revolute joints and prismatic one
+ACCEPTED = 0.1  # a step is accepted if it achieves this share of the predicted decrease
+KEPT_M = 2e-5  # how far a path may violate its margins and still be submitted to certification
+WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of the time until all other arms rest, by which a motion may start later
+# A path with more than the first factor times the plain path's energy is shortened as long as steps leave less than
+# the second share of its energy, in at most the third number of steps.
+FAR_ROUND, SAVED, SHORTER = 1.3, 0.97, 10
+STARTS = 12  # number of starts pursued from one batch
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long a start is pursued: penalties per violated metre, one after the other, and programs at each."""
+
+    prices: tuple[float, ...]
+    steps: int
+
+
+QUICK, PATIENT = Effort((PRICE,), 6), Effort((PRICE, 10 * PRICE, 100 * PRICE), 8)
 
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """The starts for one problem.
+    """The starts for one problem."""
 
-    Attributes:
-        arms: in order.
-        programme: of the curve and what is held fixed.
-        plain: (controls, joints) the path of least energy through all waypoints.
-        slack: share of the joints' ranges by which they may be left.
-    """
-
-    arms: tuple[ArmMotion, ...]
-    programme: Programme
-    plain: Array
-    slack: float
+    arms: tuple[ArmMotion, ...]  # in order
+    program: PathProgram  # of the curve and what is held fixed
+    plain: Array  # (controls, joints) the path of least energy through all waypoints
+    slack: float  # share of the joints' ranges by which they may be left
 
     def few(self) -> Array:
         """Return the most promising detours (k, controls, joints)."""
         found = []
-        for asides in self._combined(FEW[:2]):
-            found.append(self._aside(asides))
+        for way in FEW[:2]:
+            if len(self.arms) > 1:
+                found.append(self._aside(dict.fromkeys(range(len(self.arms)), way)))
+            found += [self._aside({k: way}) for k in range(len(self.arms))]
         for k, way in product(range(len(self.arms)), FEW[2:]):
             found.append(self._aside({k: way}))
         for first in range(len(self.arms) if len(self.arms) > 1 else 0):
@@ -77,28 +100,21 @@ class Starts:
             pairs = product(MORE[::3], MORE[1::3])
             yield self._kept([self._aside({0: a, 1: b}) for a, b in pairs])
 
-    def _combined(self, ways: tuple[tuple[float, float, float], ...]) -> Iterator[dict[int, tuple]]:
-        for way in ways:
-            if len(self.arms) > 1:
-                yield {k: way for k in range(len(self.arms))}
-            for k in range(len(self.arms)):
-                yield {k: way}
-
-    def _aside(self, ways: dict[int, tuple]) -> Array:
+    def _aside(self, ways: dict[int, Way]) -> Array:
         """Return the plain path with some arms (by index) swung aside in the middle."""
         control = self.plain.copy()
-        bump = np.sin(np.pi * self.programme.curve.places) ** 0.7
+        bump = np.sin(np.pi * self.program.curve.places) ** 0.7
         for k, (first, second, back_m) in ways.items():
             control[:, JOINTS * k] += first * bump
             control[:, JOINTS * k + 1] += second * bump
             control[:, JOINTS * k + 2] += self.arms[k].model.wrist_sign * back_m * bump
         return control
 
-    def _one_after_the_other(self, first: int, ways: dict[int, tuple]) -> Array:
+    def _one_after_the_other(self, first: int, ways: dict[int, Way]) -> Array:
         """Return paths on which one arm goes first and the others follow, perhaps swung aside."""
-        control, curve = self._aside(ways), self.programme.curve
+        control, curve = self._aside(ways), self.program.curve
         for k in range(len(self.arms)):
-            columns = slice(JOINTS * k, JOINTS * (k + 1))
+            columns = columns_of(k)
             shares = np.clip(2 * curve.places - (k != first), 0.0, 1.0)
             control[:, columns] = curve.basis(shares) @ control[:, columns]
         return control
@@ -107,24 +123,16 @@ class Starts:
         """Return the paths changed to lie within the ranges and pass through the waypoints."""
         controls = np.stack(found)
         for k, arm in enumerate(self.arms):
-            columns, spare = slice(JOINTS * k, JOINTS * (k + 1)), self.slack * (arm.model.upper - arm.model.lower)
+            columns, spare = columns_of(k), self.slack * (arm.model.upper - arm.model.lower)
             part = np.clip(controls[..., columns], arm.model.lower - spare, arm.model.upper + spare)
             part[:, [0, -1]] = self.plain[[0, -1], columns]
-            held = self.programme.held[k]
+            held = self.program.held[k]
             if len(held):
-                inverse = _spread(self.programme.curve)
-                across = inverse @ held.T
+                across = self.program.curve.spread @ held.T
                 off = held @ (self.plain[:, columns] - part)
                 part = part + across @ np.linalg.solve(held @ across, off)
             controls[..., columns] = part
         return controls
-
-
-def _spread(curve: Curve) -> Array:
-    """Return the inverse (controls, controls) of the energy of the inner control points, with 0 for both ends."""
-    inverse = np.zeros_like(curve.energy)
-    inverse[1:-1, 1:-1] = np.linalg.inv(curve.energy[1:-1, 1:-1])
-    return inverse
 
 
 def plain_path(arms: tuple[ArmMotion, ...], curve: Curve, held: tuple[Array, ...]) -> Array:
@@ -133,68 +141,24 @@ def plain_path(arms: tuple[ArmMotion, ...], curve: Curve, held: tuple[Array, ...
     for arm, basis in zip(arms, held, strict=True):
         line = curve.line(arm.waypoints[0], arm.waypoints[-1])
         if len(basis):
-            across = _spread(curve) @ basis.T
+            across = curve.spread @ basis.T
             line = line + across @ np.linalg.solve(basis @ across, arm.waypoints[1:-1] - basis @ line)
         parts.append(line)
     return np.concatenate(parts, axis=1)
 
 
-PIECES, PIECES_A_WAYPOINT = 9, 4
-"""Pieces of the curve, and additional ones for each waypoint on the way."""
-SAMPLES_A_PIECE = 4
-"""Places at which a path is planned; it is certified between them too."""
-COARSE = 2
-"""When starts are compared, only one in this many of these places is used."""
-FINER = 4
-"""Facing is checked in the end at this many times the places used for planning."""
-MARGIN_M, MARGIN_RAD = 5e-4, 0.01
-"""Initial extra margin of distances and angles, for what lies between the places."""
-WATCHED_M, NEAR_M = 0.015, 0.04
-"""A pair gets a row if it is closer than the required distance plus the first; it is tracked if it is within the second
-at the start."""
-PRICE = 300.0
-"""Penalty per metre of a violated distance, relative to the energy."""
-TRUST_RAD, TRUST_M = 0.35, 0.05
-"""Greatest change of a control point in one step, for revolute joints and for the prismatic one."""
-ACCEPTED = 0.1
-"""A step is accepted if it achieves this share of the predicted decrease."""
-KEPT_M = 2e-5
-"""How far a path may violate its margins and still be submitted to certification."""
-WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""If other arms move, a motion may start later by these shares of the time until they all rest."""
-FAR_ROUND, SAVED, SHORTER = 1.3, 0.97, 10
-"""A path with more than the first factor times the plain path's energy is shortened as long as steps leave less than
-the second share of its energy, in at most the third number of steps."""
-STARTS = 12
-"""Number of starts pursued from one batch."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How long a start is pursued: penalties per violated metre, one after the other, and programs at each."""
-
-    prices: tuple[float, ...]
-    steps: int
-
-
-QUICK, PATIENT = Effort((PRICE,), 6), Effort((PRICE, 10 * PRICE, 100 * PRICE), 8)
-
-
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """The constraints of a path of control points at its places.
-
-    Attributes:
-        control: (controls, joints).
-        rows: linear about it.
-        broken_m: sum of the violations of its rows.
-        energy: of the path.
-    """
+    """What is seen of a path: its control points (controls, joints), its rows linear about them, its energy."""
 
     control: Array
     rows: Rows
-    broken_m: float
     energy: float
+
+    @property
+    def broken_m(self) -> float:
+        """Return the sum of the violations of the rows."""
+        return float(np.maximum(0, -self.rows.room).sum())
 
     @property
     def worst_m(self) -> float:
@@ -213,12 +177,12 @@ class Search:
         self.problem, self.scene = problem, scene
         arms = self.arms = scene.arms
         most = max(len(arm.waypoints) for arm in arms)
-        self.curve: Curve = curve_of(PIECES + PIECES_A_WAYPOINT * (most - 2))
+        self.curve = Curve.even(PIECES + PIECES_A_WAYPOINT * (most - 2))
         self.passing = tuple(passing_shares(arm) for arm in arms)
         held = tuple(self.curve.basis(shares[1:-1]) for shares in self.passing)
         weights = np.concatenate([(arm.limits.acceleration[0] / arm.limits.acceleration) ** 2 for arm in arms])
-        self.programme = Programme(self.curve, weights, held)
-        self.starts = Starts(arms, self.programme, plain_path(arms, self.curve, held), problem.range_slack)
+        self.program = PathProgram(self.curve, weights, held)
+        self.starts = Starts(arms, self.program, plain_path(arms, self.curve, held), problem.range_slack)
         self.margin_m, self.margin_rad = MARGIN_M, MARGIN_RAD
         self.passes_through = False
         self._plan_at(self.curve.inner(SAMPLES_A_PIECE))
@@ -235,7 +199,10 @@ class Search:
         """Return the motion of the first path that is certified; None if none was found."""
         for batch, effort in self._batches():
             for control in self._in_order(batch):
-                timing = self.followed(control, effort)
+                try:
+                    timing = self.followed(control, effort)
+                except NoPlan:  # the numbers of its program defeat the solver
+                    continue
                 if timing is not None:
                     return timing
         return None
@@ -271,7 +238,7 @@ class Search:
         self.scene = self.scene.looking_at(near.min(axis=(0, 1)) < self.problem.min_distance_m + NEAR_M)
         wanted = self.problem.min_distance_m + taper(shares, self.margin_m)
         broken = np.maximum(0.0, wanted[:, None] - near).sum(axis=(1, 2)) * COARSE
-        merits = [self.programme.energy(c) + PRICE * b for c, b in zip(controls, broken, strict=True)]
+        merits = [self.program.energy(c) + PRICE * b for c, b in zip(controls, broken, strict=True)]
         return controls[np.argsort(merits)[:STARTS]]
 
     def followed(self, control: Array, effort: Effort = PATIENT) -> Timing | None:
@@ -300,7 +267,7 @@ class Search:
 
     def _step(self, sight: Sight, price: float, damping: float) -> tuple[Sight, float]:
         """Return the path after one program, and the decrease of the merit predicted by its linear model."""
-        change = self.programme.step(sight.control, sight.rows, price, damping)
+        change = self.program.step(sight.control, sight.rows, price, damping)
         change = change * min(1.0, 1.0 / max(1e-9, float((np.abs(change) / self.trust).max())))
         after = self.seen(sight.control + change)
         promised = sight.rows.after(change)
@@ -309,7 +276,7 @@ class Search:
 
     def _shortened(self, sight: Sight, timing: Timing, price: float) -> Timing:
         """Return a motion along a path of less energy, if a start made a long detour and further steps are allowed."""
-        least, damping, shortest = self.programme.energy(self.starts.plain), 0.0, sight.energy
+        least, damping, shortest = self.program.energy(self.starts.plain), 0.0, sight.energy
         for _ in range(SHORTER):
             if sight.energy <= FAR_ROUND * least:
                 break
@@ -335,8 +302,7 @@ class Search:
         distances = self.scene.distances(q, self._times_s(control, self.shares))
         rows.append(distance_rows(distances, wanted, basis, WATCHED_M))
         rows.append(facing_rows(distances, taper(self.shares, self.margin_rad), basis))
-        joined = Rows.joined(rows)
-        return Sight(control, joined, float(np.maximum(0, -joined.room).sum()), self.programme.energy(control))
+        return Sight(control, Rows.joined(rows), self.program.energy(control))
 
     def _times_s(self, control: Array, shares: Array) -> Array:
         """Return the times of a path's places, which matter only if another arm moves."""
@@ -364,7 +330,9 @@ class Search:
 
     def _clear(self, motion: Trajectory, timing: Timing | None) -> bool:
         """Return whether all distances are kept on a path (on its motion, if others move); else refine the search."""
-        clear = clearance(self.problem, motion)
+        motions = [joint_path(motion, k) for k in range(len(self.arms))]
+        too_near_m = self.problem.min_distance_m - THROUGH_M
+        clear = clearance_of(self.problem, motions, CERTIFIED_M, too_near_m)
         if clear.distance_m >= self.problem.min_distance_m - CERTIFIED_M:
             return True
         missing_m = self.problem.min_distance_m - clear.sampled_m

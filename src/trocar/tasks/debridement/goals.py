@@ -1,20 +1,44 @@
-"""Goals of debridement, and the outcomes of handling a fragment."""
+"""The fragments' goals, what is known of the work surface beforehand, and how handling a fragment ends."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from trocar.cell import Outcome
 
 
 class Clearing(NamedTuple):
-    """One goal: one more fragment is to rest in the receptacle.
-
-    Attributes:
-        number: 0 is the first that is cleared, 1 the second, whichever fragments they are.
-    """
+    """One goal: one more fragment is to rest in the receptacle; number 0 is the first cleared, whichever that is."""
 
     number: int
+
+
+@dataclass(frozen=True)
+class Receptacle:
+    """An open box on the work surface; origin of its frame in the middle of its floor, z up, x along its length."""
+
+    size_m: tuple[float, float] = (0.110, 0.070)  # inner length and width; 11 x 7 cm (Kehoe 2014, VI)
+    height_m: float = 0.012  # of its walls (assumed)
+    wall_m: float = 0.002  # their thickness (assumed)
+
+    def holds(self, p_receptacle: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether points (..., 3) in the receptacle's frame lie between its walls, below their edge."""
+        inside = np.abs(p_receptacle[..., :2]) < 0.5 * np.array(self.size_m)
+        return inside.all(axis=-1) & (p_receptacle[..., 2] < self.height_m)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The plane work surface as given to an agent."""
+
+    receptacle: Receptacle = field(default_factory=Receptacle)  # its pose is the fixture ``receptacle``
+    # Corners x, y in the world of the rectangle in which fragments may lie.
+    region_m: tuple[tuple[float, float], tuple[float, float]] = ((-0.132, -0.092), (-0.017, -0.046))
+    fragments: int = 6
 
 
 class FragmentOutcome(Outcome):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.truth import DebridementTruth
 
 CLOSING_RAD = 0.15
@@ -15,16 +17,14 @@ ENOUGH_RAD = 0.02
 """Jaws have closed when they are this close to their final opening; foam under the teeth creeps by a hundredth."""
 STALL_S = 0.3
 """Jaws that have not moved for this long have stopped; commands that close them in steps come more often."""
-RISEN_M = 0.005
-"""A closing is over when the jaws have risen this far; later actions are in the air."""
+RISEN_M = 0.005  # a closing is over when the jaws have risen this far; later actions are in the air
 NEAR_TABLE_M = 0.030
 """Jaws that close higher above the surface than this cannot reach a fragment, which is 9 mm high at most: the
 controlled point is 10 mm behind the fingers' ends, and open jaws close downwards by 4 mm."""
 GRIP_S = 0.2
 """Once closed, the jaws are judged for this long: foam that squirts out is gone by then, and no arm has risen by 10 mm,
 at 5 cm/s."""
-FLICKER_S = 0.1
-"""A grip that opens for less was not lost, since contacts flicker for single ticks."""
+FLICKER_S = 0.1  # a grip that opens for less was not lost, since contacts flicker for single ticks
 LIFTED_M = 0.030
 """Lost before the jaws have risen this far: a pickup failure; later: dropped on the way. The paper lifts by 50 mm, and
 from 30 mm on nothing that stays on the surface can hold a fragment back."""
@@ -32,34 +32,19 @@ BESIDE_M = 0.040
 """Jaws that open within this distance of the receptacle were aimed at it: their pose is off by 38 mm at worst."""
 CARRIED_M = 0.020
 """And only if they moved this far, seen from above: jaws that open where they closed put the fragment back."""
-REST_S = 0.5
-"""A free fragment is judged after this time: it falls 10 cm in .14 s, and then it may roll."""
-
-PICKUP, DROP, DROPOFF, STUCK, PUT_BACK, DELIVERED, KEPT = (
-    "pickup failure", "drop en route", "dropoff failure", "stuck", "put back", "delivered", "kept"
-)  # fmt: skip
-"""Possible fates of a fragment between closed jaws."""
+REST_S = 0.5  # a free fragment is judged after this time: it falls 10 cm in .14 s, and then it may roll
 
 
 @dataclass(frozen=True)
 class Closing:
-    """One closing of an arm's jaws near the work surface; rows of the truth.
+    """One closing of an arm's jaws near the work surface; rows of the truth."""
 
-    Attributes:
-        arm: whose.
-        start: row at which the jaws began to close.
-        closed: row at which they had closed.
-        opened: row at which they began to open again; the last row if they did not.
-        next: row at which the arm's next closing begins; the last row if there is none.
-        gripped: fragments that were between the fingers then.
-    """
-
-    arm: str
-    start: int
-    closed: int
-    opened: int
-    next: int
-    gripped: tuple[int, ...]
+    arm: str  # whose
+    start: int  # when the jaws began to close
+    closed: int  # when they had closed
+    opened: int  # when they began to open again; the last row if they did not
+    next: int  # when the arm's next closing begins; the last row if there is none
+    gripped: tuple[int, ...]  # fragments that were between the closed fingers
 
 
 def closings_of(truth: DebridementTruth) -> list[Closing]:
@@ -68,32 +53,28 @@ def closings_of(truth: DebridementTruth) -> list[Closing]:
     return sorted(found, key=lambda closing: (closing.start, closing.arm))
 
 
-def fate(truth: DebridementTruth, closing: Closing, fragment: int, meant_to_release: bool) -> tuple[str, int]:
-    """Return what happened to a fragment that was gripped, and the row at which it left the jaws.
+def loss(
+    truth: DebridementTruth, closing: Closing, fragment: int, announced: bool
+) -> tuple[FragmentOutcome | None, int]:
+    """Return how a fragment that was gripped was lost, and the row at which it left the jaws.
 
-    Args:
-        truth: what happened.
-        closing: the grip.
-        fragment: one of those gripped.
-        meant_to_release: whether the agent announced a release over the receptacle then; this only distinguishes a
-            regrasp from a release far beside the receptacle.
+    None if it was delivered, put back where it lay, or kept to the end. Whether the agent announced a release over the
+    receptacle only distinguishes a regrasp from a release far beside the receptacle.
     """
     held = truth.held_by[closing.arm][:, fragment]
     tip = truth.T_world_tips[closing.arm].translation_m
     left = _left(truth, held, closing)
     if left is None:
-        return (STUCK if closing.opened < len(held) - 1 else KEPT), len(held) - 1
+        return (FragmentOutcome.STUCK_IN_JAWS if closing.opened < len(held) - 1 else None), len(held) - 1
     rise = float(tip[left, 2] - tip[closing.closed, 2])
     over = bool(truth.over_receptacle(tip[left]))
     if left < closing.opened - _rows(truth, FLICKER_S):  # the jaws were closed
-        if rise < LIFTED_M and not over:
-            return PICKUP, left
-        return (_landed(truth, closing, fragment, left), left) if over else (DROP, left)
+        if over:
+            return _landed(truth, closing, fragment, left), left
+        return (FragmentOutcome.PICKUP_FAILURE if rise < LIFTED_M else FragmentOutcome.DROPPED_EN_ROUTE), left
     carried = float(np.linalg.norm(tip[left, :2] - tip[closing.closed, :2])) > CARRIED_M
     near = carried and bool(truth.over_receptacle(tip[left], BESIDE_M))
-    if over or near or meant_to_release:
-        return _landed(truth, closing, fragment, left), left
-    return PUT_BACK, left
+    return (_landed(truth, closing, fragment, left) if over or near or announced else None), left
 
 
 def legs(jaw_rad: NDArray[np.float64]) -> list[tuple[int, int]]:
@@ -116,12 +97,8 @@ def legs(jaw_rad: NDArray[np.float64]) -> list[tuple[int, int]]:
 
 
 def _of_arm(truth: DebridementTruth, arm: str) -> list[Closing]:
-    jaw, last = truth.jaw_rad[arm], len(truth.times_s) - 1
-    tip = truth.T_world_tips[arm].translation_m
-    found = []
-    all_legs = legs(jaw)
-    for number, (start, low) in enumerate(all_legs):
-        following = all_legs[number + 1][0] if number + 1 < len(all_legs) else last
+    jaw, tip, found = truth.jaw_rad[arm], truth.T_world_tips[arm].translation_m, []
+    for (start, low), (following, _) in pairwise([*legs(jaw), (len(jaw) - 1, 0)]):
         stop = next((row for row in _stalls(truth, jaw, start, low) if _at_work(truth, tip[row])), None)
         if stop is None:
             continue
@@ -145,11 +122,7 @@ def _at_work(truth: DebridementTruth, tip_m: NDArray[np.float64]) -> bool:
 
 
 def _stalls(truth: DebridementTruth, jaw: NDArray[np.float64], start: int, low: int) -> list[int]:
-    """Return the rows of a closing at which the jaws came to a stop.
-
-    They close further if they lose what they hold; and they may have closed a little beforehand, to open no wider than
-    a fragment needs.
-    """
+    """Return the rows of a closing at which the jaws came to a stop; they close further if they lose what they hold."""
     later = np.minimum(np.arange(start, low + 1) + _rows(truth, STALL_S), low)
     still = (jaw[start] - jaw[start : low + 1] > CLOSING_RAD) & (jaw[start : low + 1] - jaw[later] < ENOUGH_RAD)
     begins = np.flatnonzero(still & ~np.append(False, still[:-1]))
@@ -166,8 +139,8 @@ def _left(truth: DebridementTruth, held: NDArray[np.bool_], closing: Closing) ->
     return None if truth.times_s[-1] - truth.times_s[last] <= FLICKER_S else last
 
 
-def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int) -> str:
-    """Return what happened to a fragment released at the receptacle, judged once no finger has touched it for a while.
+def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int) -> FragmentOutcome | None:
+    """Return how a release at the receptacle failed, judged once no finger has touched the fragment for a while.
 
     A charged one may cling to a finger for longer, touching it now and then.
     """
@@ -180,8 +153,8 @@ def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int)
     elif ends[-1] > begins[-1]:
         judged = len(truth.times_s) - 1
     else:
-        return STUCK
-    return DELIVERED if truth.between_walls[judged, fragment] else DROPOFF
+        return FragmentOutcome.STUCK_IN_JAWS
+    return None if truth.between_walls[judged, fragment] else FragmentOutcome.DROPOFF_FAILURE
 
 
 def _rows(truth: DebridementTruth, seconds: float) -> int:

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3, TURN
-from trocar.tasks.debridement.workspace import Receptacle, Workspace
+from trocar.tasks.debridement.goals import Receptacle, Workspace
 
-HALF_M = (0.16, 0.13)
-"""Half the sides of the covered area round the table's origin."""
+HALF_M = (0.16, 0.13)  # half the sides of the covered area round the table's origin
 KINDS = {
     "organ": (7, (0.020, 0.045), (0.6, 1.0), (0.62, 0.44, 0.33)),
     "fat": (16, (0.005, 0.014), (0.5, 1.0), (0.72, 0.63, 0.44)),
@@ -21,29 +20,19 @@ KINDS = {
 """Kinds of patches: how many, longest half axis in m, its ratio to the other one, linear colour. None is as red as a
 fragment or as saturated as the marks of a gripper: hues of 20 to 45 and 260 deg, all of them pale
 (``trocar.perception.color``)."""
-GROUND = (0.66, 0.50, 0.39)
-"""Colour of the area between patches."""
-PROUD_M = 0.6e-3
-"""Maximum height of patches; fragments lie on the plane, and 6 to 9 mm of them are visible."""
-SEGMENTS = 20
-"""Number of corners of a patch's outline."""
-SHADE = 0.08
-"""Standard deviation of the brightness from patch to patch."""
+GROUND = (0.66, 0.50, 0.39)  # colour of the area between patches
+PROUD_M = 0.6e-3  # maximum height of patches; fragments lie on the plane, and 6 to 9 mm of them are visible
+SEGMENTS = 20  # number of corners of a patch's outline
+SHADE = 0.08  # standard deviation of the brightness from patch to patch
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A flat mound that collides with nothing.
+    """A flat mound that collides with nothing."""
 
-    Attributes:
-        half_m: (3,) half axes, and height.
-        T_world_patch: pose of its foot.
-        color: linear RGB in [0, 1].
-    """
-
-    half_m: NDArray[np.float64]
-    T_world_patch: SE3
-    color: tuple[float, float, float]
+    half_m: NDArray[np.float64]  # (3,) half axes, and height
+    T_world_patch: SE3  # pose of its foot
+    color: tuple[float, float, float]  # linear RGB in [0, 1]
 
     def corners_m(self) -> NDArray[np.float64]:
         """Return the corners (n, 3) of its convex hull in its frame."""
@@ -71,37 +60,23 @@ LENGTH_M, WIDTH_M, HEIGHT_M = (0.010, 0.016), (0.008, 0.012), (0.008, 0.012)
 """Extents of a fragment, smallest and largest: small irregular pieces of foam rubber. Sizes are assumed: jaws that open
 by 22 mm (facts/debridement.md) can take them if the tip is 5 mm off, and 3.5 % of the paper's grasps failed. The paper
 also allowed a tip to be 8 mm off in height; fingers would hardly hold pieces lower than these."""
-CORNERS = 14
-"""Number of random corners; about ten of them are on the hull."""
-DENSITY_KG_M3 = (150.0, 270.0)
-"""Range of densities; a fragment then weighs .05 to .2 g (facts/debridement.md)."""
-CLING_SHARE = 0.25
-"""Share of fragments that are charged (assumed: occasional static cling, Kehoe 2014, VI)."""
-CLING_N = (0.2e-3, 1.5e-3)
-"""Force with which a charged fragment clings to a finger; .1 g weigh 1 mN (assumed)."""
-GAP_M = 0.5e-3
-"""Minimum gap between fragments."""
-SHIFT_M, TURN_RAD = 1.5e-3, np.radians(1.5)
-"""Error with which a person places the receptacle."""
-ABOVE_M = 0.2e-3
-"""Height above the work surface from which fragments are dropped."""
+CORNERS = 14  # number of random corners; about ten of them are on the hull
+DENSITY_KG_M3 = (150.0, 270.0)  # range of densities; a fragment then weighs .05 to .2 g (facts/debridement.md)
+CLING_SHARE = 0.25  # share of fragments that are charged (assumed: occasional static cling, Kehoe 2014, VI)
+CLING_N = (0.2e-3, 1.5e-3)  # force with which a charged fragment clings to a finger; .1 g weigh 1 mN (assumed)
+GAP_M = 0.5e-3  # minimum gap between fragments
+SHIFT_M, TURN_RAD = 1.5e-3, np.radians(1.5)  # error with which a person places the receptacle
+ABOVE_M = 0.2e-3  # height above the work surface from which fragments are dropped
 
 
 @dataclass(frozen=True, eq=False)
 class Fragment:
-    """One piece of foam.
+    """One piece of foam."""
 
-    Attributes:
-        vertices_m: (n, 3) corners of its convex hull in its frame, whose origin is its centre of mass.
-        T_world_fragment: where it is dropped.
-        density_kg_m3: of the foam.
-        cling_n: force of static cling to a finger that touches it.
-    """
-
-    vertices_m: NDArray[np.float64]
-    T_world_fragment: SE3
-    density_kg_m3: float
-    cling_n: float
+    vertices_m: NDArray[np.float64]  # (n, 3) corners of its convex hull; the origin is its centre of mass
+    T_world_fragment: SE3  # where it is dropped
+    density_kg_m3: float  # of the foam
+    cling_n: float  # force of static cling to a finger that touches it
 
     @property
     def reach_m(self) -> float:
@@ -111,34 +86,18 @@ class Fragment:
 
 @dataclass(frozen=True, eq=False)
 class DebridementScene:
-    """The objects on the work surface in one trial.
+    """The objects on the work surface in one trial."""
 
-    Attributes:
-        T_world_table: the work surface: z up.
-        T_world_receptacle: true pose of the receptacle.
-        receptacle: its shape.
-        fragments: in any order.
-        backdrop: what covers the work surface: ``plain`` or ``tissue``.
-        tissue: patches on it, if it is tissue.
-        p_world_eyes_m: (n, 3) positions of the cameras' eyes, from which the referee checks which fragments could be
-            seen.
-    """
-
-    T_world_table: SE3
-    T_world_receptacle: SE3
-    receptacle: Receptacle
-    fragments: tuple[Fragment, ...]
-    backdrop: str = "plain"
-    tissue: tuple[Patch, ...] = ()
-    p_world_eyes_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    T_world_table: SE3  # the work surface: z up
+    T_world_receptacle: SE3  # true pose of the receptacle
+    receptacle: Receptacle  # its shape
+    fragments: tuple[Fragment, ...]  # in any order
+    tissue: tuple[Patch, ...] = ()  # patches on the work surface, if it looks like tissue
+    p_world_eyes_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) the cameras' eyes
 
 
 def lay_out(
-    T_world_table: SE3,
-    T_world_receptacle: SE3,
-    workspace: Workspace,
-    rng: np.random.Generator,
-    backdrop: str = "plain",
+    T_world_table: SE3, T_world_receptacle: SE3, workspace: Workspace, rng: np.random.Generator, backdrop: str = "plain"
 ) -> DebridementScene:
     """Return a random scene: each fragment anywhere in the region where the previous ones left room."""
     shift = np.append(rng.uniform(-SHIFT_M, SHIFT_M, 2), 0.0)
@@ -153,13 +112,12 @@ def lay_out(
         T_world_receptacle @ SE3.from_parts(turn, shift),
         workspace.receptacle,
         tuple(fragments),
-        backdrop,
         lay_tissue(T_world_table, rng) if backdrop == "tissue" else (),
     )
 
 
 def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator) -> Fragment:
-    """Return a piece with a flat bottom, somewhere in the region."""
+    """Return a piece with a flat bottom, somewhere in the region; its origin is its centre of mass."""
     from scipy.spatial import ConvexHull  # slow to import; help of the task does not need it
 
     size = np.array([rng.uniform(*extent) for extent in (LENGTH_M, WIDTH_M, HEIGHT_M)])
@@ -169,29 +127,16 @@ def _fragment(T_world_table: SE3, workspace: Workspace, rng: np.random.Generator
     bottom = corners[:, 2] < -0.3
     corners[bottom, 2] = -0.6  # pieces are cut flat at the bottom, not torn, so they do not roll
     corners *= size / np.ptp(corners, axis=0)
-    hull = ConvexHull(corners)
-    corners = corners[hull.vertices]
-    corners -= _centre(corners)
+    corners = corners[ConvexHull(corners).vertices]
+    middle = corners.mean(axis=0)
+    faces = corners[ConvexHull(corners).simplices] - middle  # the bases of tetrahedra whose apex is the middle
+    volumes = np.abs(np.linalg.det(faces))
+    corners -= middle + (volumes[:, None] * faces.sum(axis=1) / 4).sum(axis=0) / volumes.sum()
     place = rng.uniform(*np.array(workspace.region_m))
     height = float(T_world_table.translation_m[2]) - corners[:, 2].min() + ABOVE_M
     turn = SO3.axis("z", rng.uniform(0.0, TURN))
     cling = rng.uniform(*CLING_N) if rng.uniform() < CLING_SHARE else 0.0
-    return Fragment(
-        corners,
-        SE3.from_parts(turn, [*place, height]),
-        rng.uniform(*DENSITY_KG_M3),
-        cling,
-    )
-
-
-def _centre(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the centre of mass (3,) of a convex hull, from the tetrahedra between its middle and its faces."""
-    from scipy.spatial import ConvexHull
-
-    hull, middle = ConvexHull(corners), corners.mean(axis=0)
-    faces = corners[hull.simplices] - middle
-    volumes = np.abs(np.linalg.det(faces))
-    return middle + (volumes[:, None] * faces.sum(axis=1) / 4).sum(axis=0) / volumes.sum()
+    return Fragment(corners, SE3.from_parts(turn, [*place, height]), rng.uniform(*DENSITY_KG_M3), cling)
 
 
 def _apart(one: Fragment, other: Fragment) -> bool:

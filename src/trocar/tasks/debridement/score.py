@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.eval import Score, agent_explanation
-from trocar.tasks.debridement.goals import FragmentOutcome
-from trocar.tasks.debridement.grips import DROP, DROPOFF, PICKUP, STUCK, Closing, closings_of, fate
+from trocar.tasks.debridement.goals import FragmentOutcome, Workspace
+from trocar.tasks.debridement.grips import Closing, closings_of, loss
 from trocar.tasks.debridement.truth import DebridementTruth
-from trocar.tasks.debridement.workspace import Workspace
 
 Event = Mapping[str, Any]
 
@@ -25,72 +24,48 @@ SEEN_SHARE = 0.5
 SIGHT_S = 0.6
 """The referee checks visibility twice a second; for an image further than this from every check, everything counts as
 visible."""
-RELEASE_S = 2.0
-"""An agent's announcement of a release counts for this long."""
-STILL_M = 1e-3
-"""A fragment that moves less than this in a tenth of a second is at rest."""
+RELEASE_S = 2.0  # an agent's announcement of a release counts for this long
+STILL_M = 1e-3  # a fragment that moves less than this in a tenth of a second is at rest
 STILL_S = 0.1
-USES = ("allocated", "fragment", "stopped")
-"""Events that an agent notes when it has acted on a look."""
+USES = ("allocated", "fragment", "stopped")  # events that an agent notes when it has acted on a look
 
 
 @dataclass(frozen=True)
 class FragmentScore(Score):
-    """One fragment as the referee saw it, with the count of each failure mode of Kehoe 2014, III-B.
+    """One fragment as the referee saw it, with the count of each failure mode of Kehoe 2014, III-B."""
 
-    Attributes:
-        fragment: its number in the scene.
-        attempts: closings of jaws that were meant for it, or gripped it.
-        first_attempt: it was cleared by the first, without any failure on the way.
-        recoveries: failures of grasping or movement after which it was still cleared.
-        fragment_false_negatives: it lay there and was overlooked.
-        fragment_false_positives: a false detection, to which it was the nearest fragment.
-        pickup_false_negatives: it was held but not seen in the jaws.
-        pickup_false_positives: it was seen in the jaws but not held.
-        grasp_failures: the jaws closed and no part of a fragment was between them.
-        multiple_grasps: the jaws that were meant for it closed on several.
-        pickup_failures: it was gripped and lost before it was lifted.
-        drops_en_route: it was lifted and lost before the receptacle.
-        dropoff_failures: it was released at the receptacle and ended outside, or still clings to a finger.
-    """
-
-    fragment: int
-    attempts: int
-    first_attempt: bool
-    recoveries: int
-    fragment_false_negatives: int
-    fragment_false_positives: int
-    pickup_false_negatives: int
-    pickup_false_positives: int
-    grasp_failures: int
-    multiple_grasps: int
-    pickup_failures: int
-    drops_en_route: int
-    dropoff_failures: int
+    fragment: int  # its number in the scene
+    attempts: int  # closings of jaws that were meant for it, or gripped it
+    first_attempt: bool  # it was cleared by the first, without any failure on the way
+    recoveries: int  # failures of grasping or movement after which it was still cleared
+    fragment_false_negatives: int  # it lay there and was overlooked
+    fragment_false_positives: int  # a false detection, to which it was the nearest fragment
+    pickup_false_negatives: int  # it was held but not seen in the jaws
+    pickup_false_positives: int  # it was seen in the jaws but not held
+    grasp_failures: int  # the jaws closed and no part of a fragment was between them
+    multiple_grasps: int  # the jaws that were meant for it closed on several
+    pickup_failures: int  # it was gripped and lost before it was lifted
+    drops_en_route: int  # it was lifted and lost before the receptacle
+    dropoff_failures: int  # it was released at the receptacle and ended outside, or still clings to a finger
 
 
 @dataclass
 class _Tally:
-    """The closings at one fragment: failures (row, arm, what), and rows at which closings began."""
+    """The closings at one fragment: (row, arm) of their beginnings, (row, what) of their failures."""
 
-    began: list[int] = field(default_factory=list)
-    failures: list[tuple[int, str, FragmentOutcome]] = field(default_factory=list)
-    arms: list[tuple[int, str]] = field(default_factory=list)
+    began: list[tuple[int, str]] = field(default_factory=list)
+    failures: list[tuple[int, FragmentOutcome]] = field(default_factory=list)
 
     def count(self, *kinds: FragmentOutcome) -> int:
         """Return how many failures were of one of these kinds."""
-        return sum(kind in kinds for _, _, kind in self.failures)
+        return sum(kind in kinds for _, kind in self.failures)
 
 
 def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[FragmentScore]:
     """Return one score for each fragment, in the order in which they were cleared.
 
-    Fragments are interchangeable: clearing any three of six reaches the first three goals.
-
-    Args:
-        truth: what happened; it alone decides.
-        events: what scripts noted: modes 1 to 4 compare their claims with the truth; otherwise they only give times and
-            descriptions.
+    Fragments are interchangeable: clearing any three of six reaches the first three goals. The truth alone decides;
+    modes 1 to 4 compare what scripts noted with it, and events otherwise only give times and descriptions.
     """
     closings = closings_of(truth)
     meant = [_meant(truth, events, closing) for closing in closings]
@@ -106,7 +81,7 @@ def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[Fr
         noted = _noted(truth, events, tally)
         end_s = float(truth.times_s[entered[k]]) if done else min(float(noted["time_s"]) if noted else end, end)
         failure, reason = ("", "") if done else _why(tally, noted, wrong[0], events)
-        moved = tally.count(*MOVEMENT)
+        refetched = len(tally.failures) - tally.count(FragmentOutcome.MULTIPLE_GRASP)
         scores.append(
             FragmentScore(
                 attempted=True,
@@ -118,7 +93,7 @@ def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[Fr
                 fragment=k,
                 attempts=len(tally.began),
                 first_attempt=done and len(tally.began) == 1 and not tally.failures and not any(wrong),
-                recoveries=moved if done else 0,
+                recoveries=refetched if done else 0,
                 fragment_false_negatives=wrong[0],
                 fragment_false_positives=wrong[1],
                 pickup_false_negatives=wrong[2],
@@ -133,23 +108,6 @@ def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[Fr
     return sorted(scores, key=lambda score: (not score.succeeded, score.end_s, score.fragment))
 
 
-MOVEMENT = (
-    FragmentOutcome.GRASP_FAILURE,
-    FragmentOutcome.PICKUP_FAILURE,
-    FragmentOutcome.DROPPED_EN_ROUTE,
-    FragmentOutcome.DROPOFF_FAILURE,
-    FragmentOutcome.STUCK_IN_JAWS,
-)
-"""After these outcomes a fragment has to be fetched again."""
-
-_OF_FATE = {
-    PICKUP: FragmentOutcome.PICKUP_FAILURE,
-    DROP: FragmentOutcome.DROPPED_EN_ROUTE,
-    DROPOFF: FragmentOutcome.DROPOFF_FAILURE,
-    STUCK: FragmentOutcome.STUCK_IN_JAWS,
-}
-
-
 def cleared_at(truth: DebridementTruth) -> NDArray[np.intp]:
     """Return the row (k,) from which each fragment stays in the receptacle; -1 if it does not rest there."""
     inside = truth.between_walls & ~truth.held
@@ -161,11 +119,16 @@ def cleared_at(truth: DebridementTruth) -> NDArray[np.intp]:
     return np.where(inside[-1] & still & ~truth.touched[-1], rows, -1)
 
 
+def _said(events: Sequence[Event], name: str, arm: str) -> list[Event]:
+    """Return what an arm's script noted under a name."""
+    return [event for event in events if event["name"] == name and event.get("arm") == arm]
+
+
 def _meant(truth: DebridementTruth, events: Sequence[Event], closing: Closing) -> int:
     """Return the fragment that a closing was meant for: the one at the allocated place, else the nearest to the tip."""
     loose = ~truth.between_walls[closing.start] & ~truth.held[closing.start]
     begun = float(truth.times_s[closing.start])
-    said = [e for e in events if e["name"] == "allocated" and e.get("arm") == closing.arm and e["time_s"] <= begun]
+    said = [e for e in _said(events, "allocated", closing.arm) if e["time_s"] <= begun]
     if said:
         row = truth.row(float(said[-1]["time_s"]))
         away = np.linalg.norm(truth.p_world_fragments_m[row] - np.asarray(said[-1]["place"]), axis=-1)
@@ -184,29 +147,28 @@ def _tallies(
         gripped = closing.gripped
         target = aim if aim in gripped or not gripped else gripped[0]
         for k in {target, *gripped}:
-            tallies[k].began.append(closing.start)
-            tallies[k].arms.append((closing.start, closing.arm))
+            tallies[k].began.append((closing.start, closing.arm))
         if not gripped:
-            tallies[target].failures.append((closing.closed, closing.arm, FragmentOutcome.GRASP_FAILURE))
+            tallies[target].failures.append((closing.closed, FragmentOutcome.GRASP_FAILURE))
         if len(gripped) > 1:
-            tallies[target].failures.append((closing.closed, closing.arm, FragmentOutcome.MULTIPLE_GRASP))
+            tallies[target].failures.append((closing.closed, FragmentOutcome.MULTIPLE_GRASP))
         for k in gripped:
-            what, row = fate(truth, closing, k, _let_go(truth, events, closing))
-            if what in _OF_FATE:
-                tallies[k].failures.append((row, closing.arm, _OF_FATE[what]))
+            lost, row = loss(truth, closing, k, _let_go(truth, events, closing))
+            if lost is not None:
+                tallies[k].failures.append((row, lost))
     return tallies
 
 
 def _let_go(truth: DebridementTruth, events: Sequence[Event], closing: Closing) -> bool:
     """Return whether the agent announced a release when these jaws opened again."""
     opened = float(truth.times_s[closing.opened])
-    said = [float(e["time_s"]) for e in events if e["name"] == "releasing" and e.get("arm") == closing.arm]
-    return any(opened - RELEASE_S < time_s <= opened + STILL_S for time_s in said)
+    said = _said(events, "releasing", closing.arm)
+    return any(opened - RELEASE_S < e["time_s"] <= opened + STILL_S for e in said)
 
 
 def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, fragment: int) -> float:
     """Return when a fragment was first approached: allocated, or else jaws closed for it; the end if never."""
-    times = [float(truth.times_s[row]) for row in tally.began]
+    times = [float(truth.times_s[row]) for row, _ in tally.began]
     for event in events:
         if event["name"] == "allocated":
             there = truth.p_world_fragments_m[truth.row(float(event["time_s"])), fragment]
@@ -217,16 +179,15 @@ def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, frag
 
 def _noted(truth: DebridementTruth, events: Sequence[Event], tally: _Tally) -> Event | None:
     """Return the event with which the arm that last approached a fragment noted the end; None if it did not."""
-    if not tally.arms:
+    if not tally.began:
         return None
-    row, arm = max(tally.arms)
-    after = [e for e in events if e["name"] == "fragment" and e.get("arm") == arm]
-    return next((e for e in after if e["time_s"] >= truth.times_s[row]), None)
+    row, arm = max(tally.began)
+    return next((e for e in _said(events, "fragment", arm) if e["time_s"] >= truth.times_s[row]), None)
 
 
 def _why(tally: _Tally, noted: Event | None, overlooked: int, events: Sequence[Event]) -> tuple[str, str]:
     """Return the name of the failure, and a sentence: what happened to it last, else the script's own."""
-    last = max((failure[0], failure[2].name) for failure in tally.failures)[1] if tally.failures else ""
+    last = max(((row, kind.name) for row, kind in tally.failures), default=(0, ""))[1]
     said = agent_explanation(noted, events)
     if last:
         return last, said[1] if said and said[0] == last and said[1] else FragmentOutcome[last].value
@@ -270,19 +231,11 @@ def false_detections(truth: DebridementTruth, events: Sequence[Event]) -> tuple[
 def false_pickups(
     truth: DebridementTruth, events: Sequence[Event], closings: Sequence[Closing], meant: Sequence[int]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return how often an agent's last judgement of a grip was wrong, by fragment (k,): held but not seen; reverse.
-
-    Args:
-        truth: what happened.
-        events: what was noted.
-        closings: of all arms.
-        meant: the fragment for which each was meant.
-    """
+    """Return how often an agent's last judgement of a grip was wrong, by fragment (k,): held but not seen; reverse."""
     unseen, imagined = np.zeros((2, truth.count), dtype=np.intp)
     for closing, target in zip(closings, meant, strict=True):
         first, last = truth.times_s[closing.closed], truth.times_s[closing.next]
-        said = [e for e in events if e["name"] == "pickup" and e.get("arm") == closing.arm]
-        said = [e for e in said if first < float(e["image_s"]) <= last]
+        said = [e for e in _said(events, "pickup", closing.arm) if first < float(e["image_s"]) <= last]
         if not said:
             continue
         held = np.flatnonzero(truth.held_by[closing.arm][truth.row(float(said[-1]["image_s"]))])
@@ -308,11 +261,9 @@ def _acted_on(events: Sequence[Event], number: int) -> bool:
 
 def _visible(truth: DebridementTruth, row: int) -> NDArray[np.bool_]:
     """Return which fragments (k,) lie free in the region and can be seen."""
-    (x_low, y_low), (x_high, y_high) = Workspace().region_m
-    low = np.array([x_low, y_low]) - NEAR_M
-    high = np.array([x_high, y_high]) + NEAR_M
+    low, high = np.array(Workspace().region_m)
     middle = truth.p_world_fragments_m[row]
-    there = ((middle[:, :2] > low) & (middle[:, :2] < high)).all(axis=1)
+    there = ((middle[:, :2] > low - NEAR_M) & (middle[:, :2] < high + NEAR_M)).all(axis=1)
     there &= middle[:, 2] - truth.table_z_m < NEAR_M
     there &= ~truth.touched[row] & ~truth.between_walls[row]
     sights = truth.sights

@@ -14,17 +14,15 @@ from trocar.eval import Method, Task, check_budget, option
 from trocar.lab import Station, StationArm
 from trocar.perception.image import StereoRig
 from trocar.registry import Lazy
-from trocar.tasks.debridement.goals import Clearing
+from trocar.tasks.debridement.goals import Clearing, Workspace
 from trocar.tasks.debridement.scene import DebridementScene, lay_out
 from trocar.tasks.debridement.score import FragmentScore, score_fragments
 from trocar.tasks.debridement.truth import DebridementTruth
-from trocar.tasks.debridement.workspace import Workspace
 
 if TYPE_CHECKING:
     from trocar.sim.world import TaskWorld
 
-MOST_FRAGMENTS = 12
-"""More would not fit into the region where fragments lie."""
+MOST_FRAGMENTS = 12  # more would not fit into the region where fragments lie
 BACKDROPS = ("plain", "tissue")
 FIXTURES = ("table", "receptacle")
 CAMERA = "stereo"
@@ -34,25 +32,20 @@ SWING = np.array([0.12, 0.12, 0.02, 0.60, 0.40, 0.40])
 PACE = np.array([0.010, 0.010, 0.0015, 0.06, 0.05, 0.05])
 """Its mean step from sample to sample, rad and m, about as in the recordings of the PSM."""
 
-REGION_M = {
-    1: ((-0.092, -0.092), (-0.017, -0.046)),
-    2: ((-0.132, -0.092), (-0.017, -0.046)),
-}
+REGION_M = {1: ((-0.092, -0.092), (-0.017, -0.046)), 2: ((-0.132, -0.092), (-0.017, -0.046))}
 """Region of the fragments, corners x, y in the world, by the number of arms: where a working arm reaches, with its
 gripper straight down, in at least nine of ten sessions, despite kinematic errors of centimetres (assumed: a person lays
-them there; ``tests/tasks/debridement/test_region.py`` draws 24 sessions)."""
-WITHDRAWN_M = 0.10
-"""An idle arm is withdrawn into its port by this distance, out of the way, by a person."""
+them there; ``tests/tasks/debridement/test_task.py`` draws 24 sessions)."""
+WITHDRAWN_M = 0.10  # an idle arm is withdrawn into its port by this distance, out of the way, by a person
 
-_SETTINGS = "trocar.tasks.debridement.agents.settings"
 _METHOD = {
-    "agent": Lazy("trocar.tasks.debridement.agents:agent_of"),
+    "agent": Lazy("trocar.tasks.debridement.agents:DebridementAgent"),
     "calibrated": False,
     "wrap_robot": Lazy("trocar.tasks.debridement.agents:with_adjustment"),
     "planner": "convex",
     "perception": "stereo",
 }
-_WORLD = Lazy("trocar.tasks.debridement.world.debridement_world:DebridementWorld")
+_WORLD = Lazy("trocar.tasks.debridement.world:DebridementWorld")
 
 
 @dataclass(frozen=True)
@@ -61,8 +54,7 @@ class Debridement(Task):
 
     arms: int = option(2, "How many arms work, 1 or 2; with 1 the other stays parked.", metavar="N")
     fragments: int = option(6, f"How many fragments there are, 1 to {MOST_FRAGMENTS}.", metavar="N")
-    backdrop: str = option("plain", "What the fragments lie on: a white surface, or a likeness of tissue.",
-                           choices=BACKDROPS)  # fmt: skip
+    backdrop: str = option("plain", "What the fragments lie on: white, or a likeness of tissue.", choices=BACKDROPS)
     budget_s: float = option(1800.0, "A trial that takes longer is stopped.", flag="budget", metavar="S")
 
     name = "debridement"
@@ -72,15 +64,12 @@ class Debridement(Task):
     study = Lazy("trocar.tasks.debridement.report.study:DebridementStudy")
     station = "raven-pair"
     methods: ClassVar = {
-        "best": Method(
-            "joint errors are remembered by place, few stops, 5 cm/s", settings=Lazy(f"{_SETTINGS}:best"), **_METHOD
-        ),
-        "best-1cm": Method("the same at the paper's 1 cm/s", settings=Lazy(f"{_SETTINGS}:slow"), **_METHOD),
-        "paper": Method(
-            "the paper's rule and program: 1 cm/s, a new plan every 2.5 cm",
-            settings=Lazy(f"{_SETTINGS}:paper"),
-            **_METHOD,
-        ),
+        name: Method(about, settings=Lazy(f"trocar.tasks.debridement.agents.settings:{settings}"), **_METHOD)
+        for name, settings, about in (
+            ("best", "best", "joint errors are remembered by place, few stops, 5 cm/s"),
+            ("best-1cm", "slow", "the same at the paper's 1 cm/s"),
+            ("paper", "paper", "the paper's rule and program: 1 cm/s, a new plan every 2.5 cm"),
+        )
     }
     perceptions: ClassVar = {"stereo": Lazy("trocar.tasks.debridement.perception.stereo_view:StereoView")}
 
@@ -88,9 +77,8 @@ class Debridement(Task):
         if self.arms not in (1, 2):
             raise InvalidValue("the number of arms", self.arms, "give 1 or 2 with --arms")
         if not 1 <= self.fragments <= MOST_FRAGMENTS:
-            raise InvalidValue(
-                "the number of fragments", self.fragments, f"give 1 to {MOST_FRAGMENTS} with --fragments"
-            )
+            remedy = f"give 1 to {MOST_FRAGMENTS} with --fragments"
+            raise InvalidValue("the number of fragments", self.fragments, remedy)
         if self.backdrop not in BACKDROPS:
             raise UnknownName("backdrop", self.backdrop, BACKDROPS)
         check_budget(self.budget_s)

@@ -10,54 +10,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.tasks.debridement.workspace import Receptacle
+from trocar.tasks.debridement.goals import Receptacle
 
-HEAP_M = 0.015
-"""Fragments that lie on others inside the walls are in the receptacle: two more layers above its edge."""
+HEAP_M = 0.015  # fragments that lie on others inside the walls are in the receptacle: two more layers above its edge
 
 
 @dataclass(frozen=True, eq=False)
 class Sights:
-    """The fragments that a camera could have seen, checked at intervals.
+    """The fragments that a camera could have seen, checked at intervals."""
 
-    Attributes:
-        times_s: (m,) trial clock, in order.
-        seen: (m, k) share in [0, 1] of the points of a fragment that no other body hides from either eye.
-    """
-
-    times_s: NDArray[np.float64]
-    seen: NDArray[np.float64]
+    times_s: NDArray[np.float64]  # (m,) trial clock, in order
+    seen: NDArray[np.float64]  # (m, k) share of a fragment's points that no other body hides from either eye
 
 
 @dataclass(frozen=True, eq=False)
 class DebridementTruth:
-    """The true poses of everything.
+    """The true poses of everything, and what the arms' fingers touched; by arm where it is a mapping."""
 
-    Attributes:
-        times_s: (n,) trial clock.
-        T_world_fragments: poses (n, k).
-        fragments_m: corners (c, 3) of each fragment in its own frame.
-        held_by: (n, k) whether a fragment is between the fingers of an arm, by the arm's name: both touch it, or each
-            touches one of two that press on each other.
-        touched_by: (n, k) whether any finger of an arm touches it.
-        jaw_rad: (n,) true opening of each arm's jaws.
-        T_world_tips: (n,) true tip of each arm.
-        T_world_receptacle: where the receptacle stands.
-        receptacle: its shape.
-        table_z_m: height of the work surface.
-        sights: whether each fragment could be seen, at intervals, in order of time.
-    """
-
-    times_s: NDArray[np.float64]
-    T_world_fragments: SE3
-    fragments_m: tuple[NDArray[np.float64], ...]
+    times_s: NDArray[np.float64]  # (n,) trial clock
+    T_world_fragments: SE3  # (n, k)
+    # (n, k) whether a fragment is between an arm's fingers: both touch it, or each one of two that press on each other
     held_by: Mapping[str, NDArray[np.bool_]]
-    touched_by: Mapping[str, NDArray[np.bool_]]
-    jaw_rad: Mapping[str, NDArray[np.float64]]
-    T_world_tips: Mapping[str, SE3]
+    touched_by: Mapping[str, NDArray[np.bool_]]  # (n, k) whether any finger touches a fragment
+    jaw_rad: Mapping[str, NDArray[np.float64]]  # (n,) opening of the jaws
+    T_world_tips: Mapping[str, SE3]  # (n,)
     T_world_receptacle: SE3
     receptacle: Receptacle
-    table_z_m: float
+    table_z_m: float  # height of the work surface
     sights: Sights
 
     @property

@@ -10,41 +10,23 @@ from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 
 class Transfer(NamedTuple):
-    """One goal: a block from one peg to another.
+    """One goal: a block from one peg to another."""
 
-    Attributes:
-        source: peg.
-        target: peg.
-    """
-
-    source: int
-    target: int
-
-
-def back(there: tuple[Transfer, ...]) -> tuple[Transfer, ...]:
-    """Return the same transfers the other way."""
-    return tuple(Transfer(target, source) for source, target in there)
+    source: int  # peg
+    target: int  # peg
 
 
 THERE = tuple(Transfer(*pegs) for pegs in ((1, 7), (0, 6), (3, 8), (2, 9), (5, 11), (4, 10)))
 """The first six transfers (facts/peg_transfer.md); the other six go back."""
-BACK = back(THERE)
+BACK = tuple(Transfer(target, source) for source, target in THERE)
 
-LEFT_THERE = tuple(Transfer(*pegs) for pegs in ((0, 7), (2, 6), (1, 8)))
-"""The left arm's share of the paper's parallel transfers [0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10]
-(facts/peg_transfer.md). They are paired differently: in every pair the left arm's pegs are those further left, and
-neither the sources nor the targets are neighbours, where one arm would be in the other's way."""
-RIGHT_THERE = tuple(Transfer(*pegs) for pegs in ((5, 10), (3, 11), (4, 9)))
-"""What the right arm does at the same time."""
-
-
-PAIRS = tuple(
-    pair
-    for lefts, rights in ((LEFT_THERE, RIGHT_THERE), (back(LEFT_THERE), back(RIGHT_THERE)))
-    for pair in zip(lefts, rights, strict=True)
-)
-"""Transfers that two arms do at once: the left arm's, the right arm's."""
-
+PAIRS_THERE = (((0, 7), (5, 10)), ((2, 6), (3, 11)), ((1, 8), (4, 9)))
+PAIRS = tuple((Transfer(*left), Transfer(*right)) for left, right in PAIRS_THERE)
+PAIRS += tuple((Transfer(*left[::-1]), Transfer(*right[::-1])) for left, right in PAIRS_THERE)
+"""Transfers that two arms do at once: the left arm's, the right arm's. They are the paper's parallel transfers
+[0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10] (facts/peg_transfer.md), paired differently: in every pair the
+left arm's pegs are those further left, and neither the sources nor the targets are neighbours, where one arm would be
+in the other's way."""
 GOALS = {
     "unilateral": THERE + BACK,
     "bilateral": tuple(goal for pair in PAIRS for goal in pair),
@@ -55,17 +37,11 @@ GOALS = {
 
 @dataclass(frozen=True)
 class PegSet:
-    """What is on the table, as manufactured, and the variant of the task.
+    """What is on the table, as manufactured, and the variant of the task."""
 
-    Attributes:
-        board: shape of the pegboard.
-        block: shape of the blocks.
-        variant: which arms do the transfers.
-    """
-
-    board: Pegboard = field(default_factory=Pegboard)
-    block: Block = field(default_factory=Block)
-    variant: str = "unilateral"
+    board: Pegboard = field(default_factory=Pegboard)  # shape of the pegboard
+    block: Block = field(default_factory=Block)  # shape of the blocks
+    variant: str = "unilateral"  # which arms do the transfers
 
 
 class TransferOutcome(Outcome):

@@ -18,37 +18,28 @@ GRASP_ASIDE_M = (-1.0e-3, 1.0e-3)
 (facts/peg_transfer.md, The board and the blocks)."""
 GRASP_FROM_MIDDLE_M = 5.0e-3
 """Their y: a little outside the middle of the wall, since the inner finger has the peg beside it."""
-
-MIN_OPENING_M = 2.0e-3
+DEPTH_M = 4.0e-3
+"""Depth of the tip below a block's top face."""
+MIN_OPENING_M, MAX_OPENING_M = 2.0e-3, 8.0e-3
 OPENING_STEP_M = 0.1e-3
-SELF_M = 2e-3
-REACH_M = 30e-3
-
-
+"""Distances between the inner faces of the open fingers that are tried."""
+SELF_M, REACH_M = 2e-3, 30e-3
+"""Blocks so far from a grasped one are obstacles: nearer is the block itself, further is out of the fingers' reach."""
+MIN_GAP_M = 0.15e-3
+MAX_ROLL_RAD = np.radians(70.0)
+MARGIN_RAD = np.radians(5.0)
+"""Kept between the wrist's joints and their limits."""
 NEAR_END_M = 3.0e-3
 """A finger's thickness is taken this far behind its end, which is about how deep it is in a block."""
-
-
-@dataclass(frozen=True)
-class Jaws:
-    """Dimensions of the two fingers, and the clearance that they need.
-
-    Attributes:
-        thickness_m: thickness of a finger near its tip, along the opening.
-        width_m: width of a finger, across the opening.
-        min_gap_m: smallest gap between a finger and a wall, peg or neighbour; with less, a grasp is rejected.
-        max_opening_m: largest distance between the inner faces of the open fingers.
-    """
-
-    thickness_m: float
-    width_m: float
-    min_gap_m: float = 0.15e-3
-    max_opening_m: float = 8.0e-3
-
-    @staticmethod
-    def of(instrument: Instrument) -> Jaws:
-        """Return the jaws of an instrument."""
-        return Jaws(instrument.finger_thickness_m(NEAR_END_M), instrument.finger_width_m)
+YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
+"""Rotations of the tool that are tried over a peg."""
+OUTER_FINGER_M = 4.5e-3
+"""Distance from the tip to the middle of the open outer finger, outwards."""
+FINGER_ROOM_M = 0.7e-3
+"""A block is aimed this far off the middle of its peg, towards the held wall: the inner finger opens between that wall
+and the peg, and opposite a wall is a corner, where the hole is 1 mm wider."""
+ROOM_M = 2.5e-3
+"""Clearance that is enough, so that the tool need not turn for more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +61,7 @@ class Grasp:
     candidate: int
 
 
-def grasp_candidates(depth_m: float = 4.0e-3, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
+def grasp_candidates(depth_m: float = DEPTH_M, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
     """Return ``T_block_tip`` (6,): tip z out of the block, tip x along the outward normal of the side.
 
     Args:
@@ -90,12 +81,12 @@ def choose_grasp(
     T_board_block: SE3,
     board: Pegboard,
     block: Block,
-    others: SE3 | None = None,
+    others: Sequence[SE3] = (),
     *,
     avoid: Collection[int] = (),
-    max_roll_rad: float = np.radians(70.0),
-    depth_m: float = 4.0e-3,
-    jaws: Jaws | None = None,
+    max_roll_rad: float = MAX_ROLL_RAD,
+    min_gap_m: float = MIN_GAP_M,
+    depth_m: float = DEPTH_M,
     towards: NDArray[np.float64] | None = None,
 ) -> Grasp | str:
     """Return the feasible grasp with the largest clearance of the fingers, or one sentence why there is none.
@@ -109,11 +100,11 @@ def choose_grasp(
         T_board_block: perceived pose; only position and yaw matter, since the tool stays vertical.
         board: its pegs are obstacles.
         block: shape of the blocks.
-        others: poses (n,) of the other blocks on the board, which are obstacles too.
+        others: poses of the other blocks on the board, which are obstacles too.
         avoid: candidates that have failed; chosen only if no other is feasible.
         max_roll_rad: largest |roll| (facts: 70 deg).
+        min_gap_m: smallest gap between a finger and a wall, peg or neighbour.
         depth_m: depth of the tip below the top face.
-        jaws: shape of the fingers; None: the arm's.
         towards: direction (2,) in the board's plane that the outer side of the wall has to face; None: any.
 
     Raises:
@@ -121,8 +112,8 @@ def choose_grasp(
     """
     if T_board_block.matrix.shape != (4, 4) or not np.isfinite(T_board_block.matrix).all():
         raise InvalidInput("T_board_block", "is not one finite pose", "choose_grasp needs one (4, 4)")
-    jaws = jaws or Jaws.of(arm.instrument)
-    near = _neighbours(T_board_block, others)
+    here = T_board_block.translation_m[:2]
+    near = [T for T in others if SELF_M < np.linalg.norm(T.translation_m[:2] - here) < REACH_M]
     best: Grasp | None = None
     blocked: list[str] = []
     for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, depth_m)):
@@ -130,8 +121,8 @@ def choose_grasp(
         if towards is not None and outwards @ towards <= 0:
             blocked.append(f"{candidate}: on the far side")
             continue
-        opening, gap = _opening(T_board_tip, T_board_block, board, block, near, jaws)
-        if gap < jaws.min_gap_m:
+        opening, gap = _opening(T_board_tip, T_board_block, board, block, near, arm.instrument)
+        if gap < min_gap_m:
             blocked.append(f"{candidate}: {gap * 1e3:.2f} mm of clearance")
             continue
         for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
@@ -155,15 +146,6 @@ def _rank(grasp: Grasp, avoid: Collection[int]) -> tuple[bool, float, float]:
     return grasp.candidate not in avoid, round(grasp.clearance_m, 5), -abs(float(grasp.q[3]))
 
 
-def _neighbours(T_board_block: SE3, others: SE3 | None) -> list[SE3]:
-    """Return the other blocks that a finger could touch, without the block itself."""
-    if others is None:
-        return []
-    away = others.translation_m[:, :2] - T_board_block.translation_m[:2]
-    distance = np.linalg.norm(away, axis=-1)
-    return [SE3.unchecked(m) for m, d in zip(others.matrix, distance, strict=True) if SELF_M < d < REACH_M]
-
-
 def vertical_grasps(T_board_block: SE3, depth_m: float, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> list[SE3]:
     """Return the candidates in the board frame, with the tool vertical whatever the block's tilt."""
     poses = []
@@ -176,15 +158,14 @@ def vertical_grasps(T_board_block: SE3, depth_m: float, from_middle_m: float = G
 
 
 def _opening(
-    T_board_tip: SE3, T_board_block: SE3, board: Pegboard, block: Block, near: list[SE3], jaws: Jaws
+    T_board_tip: SE3, T_board_block: SE3, board: Pegboard, block: Block, near: list[SE3], instrument: Instrument
 ) -> tuple[float, float]:
     """Return the opening (distance of the fingers' inner faces) with the largest clearance, and the clearance, in m.
 
     The inner finger is in the hole, the outer one beside the block; gaps to walls are measured along the radius.
     """
-    openings = np.arange(MIN_OPENING_M, jaws.max_opening_m + 1e-9, OPENING_STEP_M)
-    inner = _finger(T_board_tip, -openings / 2, jaws)
-    outer = _finger(T_board_tip, openings / 2, jaws)
+    openings = np.arange(MIN_OPENING_M, MAX_OPENING_M + 1e-9, OPENING_STEP_M)
+    inner, outer = (_finger(T_board_tip, side * openings / 2, instrument) for side in (-1, 1))
     gaps = []
     radius, angle = _polar(T_board_block, inner)
     gaps.append(block.hole_radius_m(angle) - radius)
@@ -199,11 +180,11 @@ def _opening(
     return float(openings[best]), float(clearance[best])
 
 
-def _finger(T_board_tip: SE3, face_m: NDArray[np.float64], jaws: Jaws) -> NDArray[np.float64]:
+def _finger(T_board_tip: SE3, face_m: NDArray[np.float64], instrument: Instrument) -> NDArray[np.float64]:
     """Return points (n, m, 2) in the board's plane on a finger's outline, for positions (n,) of its inner face."""
     across, along = np.linspace(-0.5, 0.5, 9), np.linspace(0, 1, 5)
     square = [(a, b) for a in (0.0, 1.0) for b in across] + [(a, b) for a in along for b in (-0.5, 0.5)]
-    outline = np.array(square) * [jaws.thickness_m, jaws.width_m]
+    outline = np.array(square) * [instrument.finger_thickness_m(NEAR_END_M), instrument.finger_width_m]
     sign = np.sign(face_m)[:, None]
     x = face_m[:, None] + sign * outline[:, 0]
     local = np.stack([x, np.broadcast_to(outline[:, 1], x.shape)], -1)
@@ -216,38 +197,10 @@ def _polar(T_board_block: SE3, xy_m: NDArray[np.float64]) -> tuple[NDArray[np.fl
     return np.hypot(local[..., 0], local[..., 1]), np.arctan2(local[..., 1], local[..., 0])
 
 
-def wrist_has_room(
-    arm: ArmModel, q: NDArray[np.float64], max_roll_rad: float, margin_rad: float = np.radians(5.0)
-) -> bool:
+def wrist_has_room(arm: ArmModel, q: NDArray[np.float64], max_roll_rad: float) -> bool:
     """Return whether joints (6,) keep a margin to the wrist's limits, and the roll small."""
     wrist = zip(arm.joints[4:], q[4:], strict=True)
-    return abs(q[3]) <= max_roll_rad and all(j.lower + margin_rad <= v <= j.upper - margin_rad for j, v in wrist)
-
-
-YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
-"""Rotations of the tool that are tried over a peg."""
-OUTER_FINGER_M = 4.5e-3
-"""Distance from the tip to the middle of the open outer finger, outwards."""
-FINGER_ROOM_M = 0.7e-3
-"""A block is aimed this far off the middle of its peg, towards the held wall: the inner finger opens between that wall
-and the peg, and opposite a wall is a corner, where the hole is 1 mm wider."""
-ROOM_M = 2.5e-3
-"""Clearance that is enough, so that the tool need not turn for more."""
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """A pose in which to open the jaws.
-
-    Attributes:
-        T_board_tip: pose of the tip, tool vertical.
-        q: (6,) joints in this pose, before cable compensation.
-        room_m: smallest gap from the outer finger's middle, or from the block, to other blocks and pegs.
-    """
-
-    T_board_tip: SE3
-    q: NDArray[np.float64]
-    room_m: float
+    return abs(q[3]) <= max_roll_rad and all(j.lower + MARGIN_RAD <= v <= j.upper - MARGIN_RAD for j, v in wrist)
 
 
 def held_block(T_board_tip: SE3, T_board_block: SE3, block: Block) -> SE3:
@@ -267,33 +220,21 @@ def choose_place(
     others: Sequence[SE3],
     drop_m: float,
     yaw_rad: float = 0.0,
-    max_roll_rad: float = np.radians(70.0),
-    margin_rad: float = np.radians(5.0),
-) -> Place | str:
-    """Return the pose over a peg in which to release a held block, or one sentence why there is none.
+) -> SE3 | str:
+    """Return the pose of the tip over a peg in which to release a held block, or one sentence why there is none.
 
-    Any yaw of the block is allowed. If there is enough clearance, the tool keeps its current yaw: the residual cable
-    errors are then similar at both ends of the transfer and cancel.
+    The tool is vertical, and any yaw of the block is allowed. If there is enough clearance to other blocks and pegs,
+    the tool keeps its current yaw: the residual cable errors are then similar at both ends of the transfer and cancel.
 
-    Args:
-        arm: the arm that holds the block.
-        T_base_board: pose of the board in the arm's base.
-        T_tip_block: pose of the block in the jaws.
-        board: its pegs are obstacles.
-        block: shape of the blocks.
-        peg: the target peg.
-        others: poses of the blocks on the board.
-        drop_m: height of the block's lower face above the plate.
-        yaw_rad: current yaw of the tool about the board's z.
-        max_roll_rad: largest |roll|.
-        margin_rad: margin to the wrist's limits.
+    Args as in ``choose_grasp``, and the pose of the block in the jaws, the number of the target ``peg``, the height of
+    the block's lower face above the plate (``drop_m``), and the current yaw of the tool about the board's z.
     """
     foot = board.pegs_m[peg]
     near = np.linalg.norm(board.pegs_m[:, :2] - foot[:2], axis=1)
-    pegs = board.pegs_m[(near > 1e-6) & (near < 0.03), :2]
-    near_blocks = [T for T in others if 1e-3 < np.linalg.norm(T.translation_m[:2] - foot[:2]) < 0.03]
+    pegs = board.pegs_m[(near > 1e-6) & (near < REACH_M), :2]
+    near_blocks = [T for T in others if 1e-3 < np.linalg.norm(T.translation_m[:2] - foot[:2]) < REACH_M]
     blocks = np.array([T.translation_m[:2] for T in near_blocks]).reshape(-1, 2)
-    best: Place | None = None
+    best: tuple[tuple[float, float], SE3] | None = None
     level = SO3.between(-T_tip_block.matrix[:3, 2], [0.0, 0.0, 1.0])
     for yaw in yaw_rad + YAWS_RAD:
         upright = SO3.axis("z", yaw) @ level
@@ -305,28 +246,22 @@ def choose_place(
             q = ik(arm, T_base_board @ pose)
         except OutOfReach:
             continue
-        if not wrist_has_room(arm, q, max_roll_rad, margin_rad):
+        if not wrist_has_room(arm, q, MAX_ROLL_RAD):
             continue
-        T_board_block = pose @ T_tip_block
-        finger = pose.translation_m[:2] - np.sign(T_tip_block.translation_m[0]) * OUTER_FINGER_M * upright.matrix[:2, 0]
+        T_board_block, outwards = pose @ T_tip_block, upright.matrix[:2, 0]
+        finger = pose.translation_m[:2] - np.sign(T_tip_block.translation_m[0]) * OUTER_FINGER_M * outwards
         room = min(
             float(np.min(np.linalg.norm(pegs - finger, axis=1) - board.peg_radius_m, initial=1.0)),
             float(np.min(np.linalg.norm(blocks - finger, axis=1) - block.corner_m, initial=1.0)),
             min((block.gap_m(T_board_block, other) for other in near_blocks), default=1.0),
         )
-        place = Place(pose, q, room)
-        if best is None or _place_rank(place, yaw_rad) > _place_rank(best, yaw_rad):
-            best = place
-    return best or f"no pose over peg {peg} keeps the roll and the wrist within their limits"
+        rank = min(room, ROOM_M), float(outwards @ [np.cos(yaw_rad), np.sin(yaw_rad)])  # room, then little rotation
+        if best is None or rank > best[0]:
+            best = rank, pose
+    return best[1] if best else f"no pose over peg {peg} keeps the roll and the wrist within their limits"
 
 
 def hole_over(foot_m: NDArray[np.float64], T_board_tip: SE3, T_tip_block: SE3) -> NDArray[np.float64]:
     """Return where (2,) in the board's plane the middle of a held block's hole should be to have a peg in it."""
     outwards = -np.sign(T_tip_block.translation_m[0]) * T_board_tip.matrix[:2, 0]
     return np.asarray(foot_m[:2] + FINGER_ROOM_M * outwards, dtype=np.float64)
-
-
-def _place_rank(place: Place, yaw_rad: float) -> tuple[float, float]:
-    """Return the sort key of a place: clearance, then small rotation of the tool."""
-    x = place.T_board_tip.matrix[:2, 0]
-    return min(place.room_m, ROOM_M), float(x @ [np.cos(yaw_rad), np.sin(yaw_rad)])

@@ -59,7 +59,6 @@ HOLE_MM = ((0, 3.85), (10, 4.03), (20, 4.42), (30, 4.90), (45, 4.80), (60, 4.80)
 Measured on the top face of the authors' model (`shared/data/dvrk/blocks/capture: block_top_model_mm`), averaged over
 its six-fold symmetry.
 """
-
 GRASP_OFF_MIDDLE_DEG = 11.0
 """Direction, seen from the block's middle, in which a grasp 1 mm beside the middle of a side meets the hole."""
 

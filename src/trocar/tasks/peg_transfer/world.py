@@ -19,7 +19,6 @@ from trocar.tasks.peg_transfer.truth import PegTruth
 FOOT_M = 0.05e-3
 """Height of the prisms of a block above its three feet, so that it has three contacts with the plate, not
 thirty-six."""
-
 ABS_RED = (0.83, 0.23, 0.07)
 ABS_RED_BLOCK = (0.80, 0.20, 0.07)
 BLACK_TABLE = (0.035, 0.035, 0.04)
@@ -56,21 +55,16 @@ class PegWorld(TaskWorld):
     def observe(self, time_s: float) -> None:
         """Note which blocks each arm holds: those that both its fingers touch."""
         del time_s
-        pairs = self._world.data.contact.geom[: self._world.data.ncon]
-        held_by = self._held_blocks(pairs)
-        self._held = {block: name for name, blocks in held_by.items() for block in blocks}
-        for name, blocks in held_by.items():
-            self._held_at.setdefault(name, []).append(np.array([k in blocks for k in range(self._count)]))
-
-    def _held_blocks(self, pairs: NDArray[np.int32]) -> dict[str, set[int]]:
-        """Return the blocks that each arm holds."""
-        finger, block = np.maximum(*self._finger[pairs.T]), np.maximum(*self._block[pairs.T])
+        pairs = self._world.data.contact.geom[: self._world.data.ncon].T
+        finger, block = np.maximum(*self._finger[pairs]), np.maximum(*self._block[pairs])
         there = (finger >= 0) & (block >= 0)
-        touched = set(zip(finger[there].tolist(), block[there].tolist(), strict=True))
-        return {
-            name: {k for k in range(self._count) if all((one, k) in touched for one in index.fingers)}
-            for name, index in self._world.arms.items()
-        }
+        touches = np.zeros((self._world.model.ngeom, self._count), dtype=bool)
+        touches[finger[there], block[there]] = True
+        self._held = {}
+        for name, index in self._world.arms.items():
+            held = np.asarray(touches[list(index.fingers)].all(axis=0))
+            self._held_at.setdefault(name, []).append(held)
+            self._held.update(dict.fromkeys(np.flatnonzero(held).tolist(), name))
 
     def collision(self, first: int, second: int) -> CollidingPair | None:
         """Return who collides if an arm, or a block that it holds, touches a peg."""
@@ -94,11 +88,10 @@ class PegWorld(TaskWorld):
         return PegTruth(
             times_s=record.times_s,
             T_board_blocks=T_board_world @ SE3.unchecked(np.stack(poses, axis=1)),
-            held=np.any(list(held_by.values()), axis=0),
+            held_by=held_by,
             p_board_tips={name: T_board_world.apply(T.translation_m) for name, T in record.T_world_tip.items()},
             board=self._scene.board,
             block=self._scene.block,
-            held_by=held_by,
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:

@@ -35,7 +35,6 @@ class SutureScene:
         needle: the needle.
         T_tip_needle: agreed pose of the needle in the arm's tip when it is placed.
         T_needle_loaded: where a person truly places it, one pose for each time, in turn.
-        phantom_m: width, depth and thickness of the phantom.
     """
 
     T_world_circle: SE3
@@ -43,7 +42,6 @@ class SutureScene:
     needle: Needle
     T_tip_needle: SE3
     T_needle_loaded: tuple[SE3, ...] = (SE3.identity(),)
-    phantom_m: tuple[float, float, float] = (0.110, 0.110, 0.012)
 
     @property
     def wire_points_m(self) -> NDArray[np.float64]:

@@ -17,19 +17,14 @@ from trocar.tasks.suture.planning import Suture
 
 ON_TARGET_M = 1.0e-3
 """Allowed error of entry and exit (assumed; FLS penalises sutures that miss their dots by the millimetre)."""
-
 TOUCH_M = 0.5e-3
 """The tip has gone in once it is deeper than this."""
-
 SLIP_M, SLIP_RAD = 0.5e-3, math.radians(10.0)
 """A needle that moves more than this in closed jaws has slipped (assumed)."""
-
 SETTLED_S = 0.25
 """Closing jaws turn and centre the needle for this long; movement after that is slip."""
-
 FLICKER_S = 0.05
 """Fingers that press less for no longer than this have not released the needle."""
-
 MEANT_M = 0.010
 """A needle that goes in within this distance of a planned entry was meant for it."""
 
@@ -110,11 +105,7 @@ def score_sutures(
     """Return one score for each planned suture, for the last time that the needle went in near its entry."""
     tips = truth.p_circle_needle_tip_m
     loadings = loadings_of(truth, tips)
-    meant: dict[int, Loading] = {}
-    for loading in loadings:
-        number = _nearest(sutures, tips, loading)
-        if number is not None:
-            meant[number] = loading
+    meant = {number: loading for loading in loadings if (number := _nearest(sutures, tips, loading)) is not None}
     return [_score(k, suture, meant.get(k), truth, tips, events) for k, suture in enumerate(sutures)]
 
 
@@ -180,7 +171,8 @@ def _score(
         if loading.exit is not None and suture.exit_m is not None:
             exit_ = float(np.linalg.norm(at_surface(tips, loading.exit) - suture.exit_m))
         grips = grips_of(truth, loading)
-        slipped = _worst([slip(truth, *grip) for grip in grips])
+        if grips:
+            slipped = tuple(max(each) for each in zip(*(slip(truth, *grip) for grip in grips), strict=True))
         rows = [np.arange(max(first, loading.entry), last + 1) for first, last in grips if last > loading.entry]
         off = np.concatenate([path_distance_m(tips[r], suture.needle_path_m) for r in rows]) if rows else off
         if rows:
@@ -196,20 +188,21 @@ def _score(
         end_s = float(noted["time_s"])
         start_s = float(noted.get("start_s", min(start_s, end_s)))
     return SutureScore(
-        True,
-        succeeded,
-        failure,
-        reason,
-        start_s,
-        end_s,
-        round(math.degrees(suture.theta_rad), 6),
-        suture.direction,
-        entry,
-        exit_,
-        float(np.sqrt(np.mean(off**2))) if len(off) else None,
-        float(off.max()) if len(off) else None,
-        *slipped,
-        driven,
+        attempted=True,
+        succeeded=succeeded,
+        failure=failure,
+        reason=reason,
+        start_s=start_s,
+        end_s=end_s,
+        theta_deg=round(math.degrees(suture.theta_rad), 6),
+        direction=suture.direction,
+        entry_error_m=entry,
+        exit_error_m=exit_,
+        tip_rms_m=float(np.sqrt(np.mean(off**2))) if len(off) else None,
+        tip_max_m=float(off.max()) if len(off) else None,
+        slip_m=slipped[0],
+        slip_rad=slipped[1],
+        driven_s=driven,
     )
 
 
@@ -220,11 +213,9 @@ def _why(
     said = agent_explanation(noted, events)
     if said is not None:
         return said
-    if loading is None:
-        return SutureOutcome.NOT_DRIVEN.name, SutureOutcome.NOT_DRIVEN.value
-    if not held:
-        return SutureOutcome.NEEDLE_SLIPPED.name, SutureOutcome.NEEDLE_SLIPPED.value
-    return SutureOutcome.OFF_TARGET.name, SutureOutcome.OFF_TARGET.value
+    wrong = SutureOutcome.OFF_TARGET if held else SutureOutcome.NEEDLE_SLIPPED
+    outcome = SutureOutcome.NOT_DRIVEN if loading is None else wrong
+    return outcome.name, outcome.value
 
 
 def grips_of(truth: NeedleTruth, loading: Loading) -> list[tuple[int, int]]:
@@ -248,10 +239,6 @@ def slip(truth: NeedleTruth, first: int, last: int) -> tuple[float, float]:
     moved = np.linalg.norm(T_tip_needle.apply(p_needle), axis=-1)
     turned = np.linalg.norm((T_tip_needle[0].rotation.inverse() @ T_tip_needle.rotation).log(), axis=-1)
     return float(moved.max()), float(turned.max())
-
-
-def _worst(slips: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    return max((s[0] for s in slips), default=0.0), max((s[1] for s in slips), default=0.0)
 
 
 def path_distance_m(points_m: NDArray[np.float64], path_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,11 +17,10 @@ from trocar.geometry import SE3, shown
 from trocar.lab import Station
 from trocar.registry import Lazy
 from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, Suture, SutureSetup, dexterity, plan_even
-from trocar.tasks.suture.planning.plan import check_count
-from trocar.tasks.suture.planning.plan_file import PlannedSutures, load_plan
+from trocar.tasks.suture.planning.plan import PlannedSutures, check_count, load_plan
 from trocar.tasks.suture.planning.primitive import grasp_pose
-from trocar.tasks.suture.planning.problems import plan_out_of_reach
 from trocar.tasks.suture.planning.segments import suture_segments
+from trocar.tasks.suture.planning.summary import plan_out_of_reach
 from trocar.tasks.suture.scene import NEEDLE, SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
 
@@ -32,16 +31,10 @@ DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": 
 
 PRESET, DIRECTION, SUTURES = "default", "best", 4
 """The default plan."""
-
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
 """How far the calibration's motion goes beyond the plan's joints, rad and m, to leave room for corrections."""
-
 _AGENT = "trocar.tasks.suture.agents.circle"
-_LOOKING = {
-    "agent": Lazy(f"{_AGENT}:CircleSuturing"),
-    "settings": Lazy(f"{_AGENT}:Settings"),
-    "stop_at_limits": True,
-}
+_LOOKING = {"agent": Lazy(f"{_AGENT}:CircleSuturing"), "settings": Lazy(f"{_AGENT}:Settings"), "stop_at_limits": True}
 _BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENT}:blind")}
 _WORLD = Lazy("trocar.tasks.suture.world:SutureWorld")
 
@@ -85,10 +78,9 @@ class CircleSutures(Task):
 
     def __post_init__(self) -> None:
         if self.planned:
-            for what in ("preset", "direction"):
-                if getattr(self, what) is not None:
-                    value = repr(getattr(self, what))
-                    raise InvalidInput(f"{what} {value}", "cannot be combined with a plan", "give only one of them")
+            for what, value in (("preset", self.preset), ("direction", self.direction)):
+                if value is not None:
+                    raise InvalidInput(f"{what} {value!r}", "cannot be combined with a plan", "give only one of them")
             count = len(self.planned.sutures)
             if self.sutures not in (None, count):
                 raise InvalidInput(
@@ -99,10 +91,8 @@ class CircleSutures(Task):
             for name, usual in (("preset", PRESET), ("direction", DIRECTION), ("sutures", SUTURES)):
                 if getattr(self, name) is None:
                     object.__setattr__(self, name, usual)
-        for what, value, choices in (
-            ("preset", self.preset, PRESETS),
-            ("direction", self.direction, DIRECTIONS_BY_NAME),
-        ):
+        chosen = (("preset", self.preset, PRESETS), ("direction", self.direction, DIRECTIONS_BY_NAME))
+        for what, value, choices in chosen:
             if value is not None and value not in choices:
                 raise UnknownName(f"the {what}", value, choices)
         check_count(self.sutures or 0)
@@ -110,12 +100,10 @@ class CircleSutures(Task):
         grasp = self.setup.grasp
         if not grasp.holdable:
             can = ", ".join(name for name, preset in PRESETS.items() if preset.setup.grasp.holdable)
-            raise InvalidInput(
-                self._plan_in_words,
-                "cannot be driven: its wire stands "
-                f"{shown(grasp.out_of_jaws_rad, 'rad', '.0f')} out of the plane in which flat jaws meet",
-                f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0",
-            )
+            out = shown(grasp.out_of_jaws_rad, "rad", ".0f")
+            problem = f"cannot be driven: its wire stands {out} out of the plane in which flat jaws meet"
+            remedy = f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0"
+            raise InvalidInput(self._plan_in_words, problem, remedy)
 
     @property
     def _plan_in_words(self) -> str:
@@ -149,11 +137,9 @@ class CircleSutures(Task):
         name = self.working_arms(station)[0]
         arm = station.arm(name)
         if arm.model.name != self.setup.arm.name:
-            raise InvalidInput(
-                self._plan_in_words,
-                f"is for {self.setup.arm.name!r}, but arm {name!r} of station {station.name!r} is {arm.model.name!r}",
-                "" if self.preset else f"plan with --arm {arm.model.name}",
-            )
+            there = f"arm {name!r} of station {station.name!r} is {arm.model.name!r}"
+            remedy = "" if self.preset else f"plan with --arm {arm.model.name}"
+            raise InvalidInput(self._plan_in_words, f"is for {self.setup.arm.name!r}, but {there}", remedy)
         arms = dict(station.arms) | {name: replace(arm, T_world_base=self.setup.T_world_base)}
         fixtures = dict(station.T_world_fixture) | {"circle": self.setup.circle.T_world_circle}
         return replace(station, arms=arms, T_world_fixture=fixtures)

@@ -16,8 +16,7 @@ from trocar.errors import InvalidValue, OutOfReach
 from trocar.geometry import SE3, SO3, TURN
 from trocar.report.style import PATHS
 from trocar.tasks.suture.planning import DexterityMap, Needle, Suture, SuturePlan, sutures_at
-from trocar.tasks.suture.planning.joints import ROLL, unwound
-from trocar.tasks.suture.planning.primitive import needle_poses, steps, tip_poses
+from trocar.tasks.suture.planning.primitive import ROLL, needle_poses, steps, tip_poses, unwound
 from trocar.tasks.suture.report.circle import texture
 from trocar.view import mesh
 from trocar.view.mesh import Mesh, tube
@@ -54,13 +53,11 @@ class SutureMotion:
         """Return the joints at one frame as a Markdown table: value, range, distance to the nearer limit."""
         rows = ["| joint | value | range | to limit |", "|:--|--:|:-:|--:|"]
         for joint, value in zip(self.arm.joints, self.q[place].tolist(), strict=True):
-            scale, _ = joint.shown_scale
-            left = min(value - joint.lower, joint.upper - value)
-            to_limit = f"{scale * left:.0f}" if left >= 0 else f"**{scale * left:.0f} outside**"
-            rows.append(
-                f"| {joint.name.replace('_', ' ')} | {joint.shown(value)} | "
-                f"{scale * joint.lower:.0f} to {scale * joint.upper:.0f} | {to_limit} |"
-            )
+            scale, name = joint.shown_scale[0], joint.name.replace("_", " ")
+            left = scale * min(value - joint.lower, joint.upper - value)
+            to_limit = f"{left:.0f}" if left >= 0 else f"**{left:.0f} outside**"
+            limits = f"{scale * joint.lower:.0f} to {scale * joint.upper:.0f}"
+            rows.append(f"| {name} | {joint.shown(value)} | {limits} | {to_limit} |")
         return "\n".join(rows)
 
 
@@ -95,9 +92,8 @@ def suture_motion(suture: Suture) -> SutureMotion:
 class PlanView:
     """A plan drawn in a browser, with a menu of its sutures and a slider along the needle primitive.
 
-    All lengths are in metres, in the world's frame, z up. Nodes of the scene: ``/circle`` (tissue, rim, arrows and
-    rings; in the circle's frame), ``/needle``, and ``/arm/shaft``, ``/arm/wrist``, ``/arm/jaws`` in the arm's frames 4,
-    5 and 7.
+    Lengths are in metres, in the world's frame, z up. Nodes of the scene: ``/circle`` (tissue, rim, arrows, rings; in
+    its frame), ``/needle``, and ``/arm/shaft``, ``/arm/wrist``, ``/arm/jaws`` in the arm's frames 4, 5 and 7.
 
     Attributes:
         server: the viser server.
@@ -106,12 +102,7 @@ class PlanView:
     """
 
     def __init__(self, map: DexterityMap, plan: SuturePlan, port: int = 8080) -> None:
-        """Draw a plan and serve it.
-
-        Args:
-            map: dexterity of all sutures, for two coloured rings round the circle.
-            plan: the plan to draw.
-            port: port of the server; if it is taken, the next free one.
+        """Draw a plan and serve it at this port; if it is taken, at the next free one.
 
         Raises:
             NotInstalled: viser is.

@@ -6,7 +6,6 @@ No agent may import this.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import cycle, pairwise
 from typing import Any
 
@@ -30,7 +29,6 @@ MARK_RGB = (0.20, 0.25, 0.55)
 TABLE_RGB = (0.30, 0.33, 0.36)
 MARKS = 72
 """Number of dashes with which the circle on the phantom is drawn."""
-
 STEEL_KG_M3 = 7900.0
 ASIDE_M = (0.075, 0.060, 0.010)
 """Where a person keeps the needle until the jaws ask for it, in the circle's frame."""
@@ -38,26 +36,21 @@ LOADING_S = 1.0
 """Time that a person takes to load the needle (assumed; reported as a separate part)."""
 
 
-@dataclass(frozen=True)
-class Tissue:
-    """How the phantom holds a needle: it bears its weight and drags on it (assumed; there are no tissue mechanics).
-
-    Attributes:
-        drag_ns_m: viscous drag on the needle's centre while a part of it is below the surface: .2 N at 10 mm/s.
-        apparent_kg: inertia added to the needle in every direction, so that the contacts of a .2 g body are as stiff as
-            those of the jaws; driving a needle is quasi-static.
-        let_go_n: a person releases the needle when each finger of the jaws presses with this force, so that they grip
-            it.
-    """
-
-    drag_ns_m: float = 20.0
-    apparent_kg: float = 0.1
-    let_go_n: float = 1.0
+PHANTOM_M = (0.110, 0.110, 0.012)
+"""Width, depth and thickness of the phantom."""
+DRAG_NS_M = 20.0
+"""Viscous drag on the needle's centre while a part of it is below the surface: .2 N at 10 mm/s (assumed; there are no
+tissue mechanics: the phantom bears a needle's weight and drags on it)."""
+APPARENT_KG = 0.1
+"""Inertia added to the needle in every direction, so that contacts of a .2 g body are as stiff as those of the jaws;
+driving a needle is quasi-static."""
+LET_GO_N = 1.0
+"""A person releases the needle when each finger of the jaws presses with this force, so that they grip it."""
 
 
 def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
     """Add the phantom, visible but without collisions, the circle's marks, and the needle as a free body."""
-    width, depth, thickness = scene.phantom_m
+    width, depth, thickness = PHANTOM_M
     world = spec.worldbody
     phantom = world.add_body(name="phantom", **placed(scene.T_world_circle))
     half = (width / 2, depth / 2, thickness / 2)
@@ -77,83 +70,18 @@ def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
         needle.add_geom(name=f"needle_{index}", fromto=digits((*start, *end)), density=STEEL_KG_M3, **wire, **SOLID)
 
 
-class HeldNeedle:
-    """What holds the needle besides the jaws: a person's hand, or the phantom.
+class SutureWorld(TaskWorld):
+    """A phantom that collides with nothing, and a needle held by jaws, phantom, or a person.
 
     Attributes:
-        in_hand: whether a person holds it.
+        in_hand: whether a person holds the needle.
     """
-
-    def __init__(self, world: World, scene: SutureScene, arm: str, tissue: Tissue | None = None):
-        self._world = world
-        self._up, self._height_m = np.split(scene.T_world_circle.inverse().matrix[2], [3])  # over the phantom
-        self._wire_m = scene.wire_points_m
-        self._tissue = tissue or Tissue()
-        joint = world.model.joint("needle")
-        self._body = world.model.body("needle").id
-        self._qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
-        self._dof = slice(joint.dofadr[0], joint.dofadr[0] + 6)
-        turning = scene.needle.radius_m**2
-        share = np.array([1.0, 1.0, 1.0, turning, turning, turning])
-        world.model.dof_armature[self._dof] = self._tissue.apparent_kg * share
-        mujoco.mj_setConst(world.model, world.data)
-        self._drag = self._tissue.drag_ns_m * share
-        self._is_needle = np.isin(np.arange(world.model.ngeom), world.geoms("needle_"))
-        self._fingers = world.arms[arm].fingers
-        self.in_hand = True
-        self._hand = world.data.qpos[self._qpos].copy()
-
-    @property
-    def inserted(self) -> bool:
-        """Return whether a part of the wire is below the phantom's surface."""
-        qpos, R_world_needle = self._world.data.qpos[self._qpos], np.empty(9)
-        mujoco.mju_quat2Mat(R_world_needle, qpos[3:])
-        heights_m = self._wire_m @ (self._up @ R_world_needle.reshape(3, 3)) + self._up @ qpos[:3] + self._height_m
-        return bool((heights_m < 0.0).any())
-
-    def give(self, T_world_needle: SE3) -> None:
-        """Have a person take the needle from where it is and hold it here until both fingers press."""
-        self._hand = np.append(T_world_needle.translation_m, T_world_needle.rotation.as_quaternion())
-        self.in_hand = True
-
-    def act(self) -> None:
-        """Hold the needle for the next steps of the physics."""
-        data = self._world.data
-        if self.in_hand and self.gripped():
-            self.in_hand = False
-        if self.in_hand:
-            data.qpos[self._qpos] = self._hand
-            data.qvel[self._dof] = 0.0
-        held = self.in_hand or self.inserted
-        self._world.model.dof_damping[self._dof] = self._drag if held else 0.0
-        self._world.model.body_gravcomp[self._body] = float(held)
-
-    def gripped(self) -> bool:
-        """Return whether both fingers of the arm press on the needle."""
-        data = self._world.data
-        pairs = data.contact.geom[: data.ncon]
-        needle = np.asarray(self._is_needle[pairs].any(1))
-        if not needle.any():
-            return False
-        return all(self._press_n(finger, pairs, needle) > self._tissue.let_go_n for finger in self._fingers)
-
-    def _press_n(self, finger: int, pairs: NDArray[np.int32], needle: NDArray[np.bool_]) -> float:
-        """Return the force with which a finger presses on the needle."""
-        total, force = 0.0, np.zeros(6)
-        for contact in np.flatnonzero(needle & (pairs == finger).any(1)):
-            mujoco.mj_contactForce(self._world.model, self._world.data, int(contact), force)
-            total += force[0]
-        return total
-
-
-class SutureWorld(TaskWorld):
-    """A phantom that collides with nothing, and a needle held by jaws, tissue, or a person."""
 
     def __init__(self, scene: SutureScene, arm: str):
         self._scene, self._arm = scene, arm
         self._loads = cycle(scene.T_needle_loaded)
-        self._gripped: list[bool] = []
-        self._in_hand: list[bool] = []
+        self._noted_gripped: list[bool] = []
+        self._noted_in_hand: list[bool] = []
 
     def add(self, spec: mujoco.MjSpec) -> None:
         """Add phantom, circle and needle."""
@@ -162,17 +90,37 @@ class SutureWorld(TaskWorld):
     def start(self, world: World) -> None:
         """Put the needle into a person's hand."""
         self._world = world
-        self._needle = HeldNeedle(world, self._scene, self._arm)
+        self._up, self._height_m = np.split(self._scene.T_world_circle.inverse().matrix[2], [3])  # over the phantom
+        self._wire_m = self._scene.wire_points_m
+        joint = world.model.joint("needle")
+        self._body = world.model.body("needle").id
+        self._qpos = slice(joint.qposadr[0], joint.qposadr[0] + 7)
+        self._dof = slice(joint.dofadr[0], joint.dofadr[0] + 6)
+        turning = self._scene.needle.radius_m**2
+        share = np.array([1.0, 1.0, 1.0, turning, turning, turning])
+        world.model.dof_armature[self._dof] = APPARENT_KG * share
+        mujoco.mj_setConst(world.model, world.data)
+        self._drag = DRAG_NS_M * share
+        self._is_needle = np.isin(np.arange(world.model.ngeom), world.geoms("needle_"))
+        self.in_hand, self._hand = True, world.data.qpos[self._qpos].copy()
 
     def act(self) -> None:
-        """Hold the needle when the jaws do not."""
-        self._needle.act()
+        """Hold the needle for the next steps of the physics, where the jaws do not."""
+        data = self._world.data
+        if self.in_hand and self._gripped():
+            self.in_hand = False
+        if self.in_hand:
+            data.qpos[self._qpos] = self._hand
+            data.qvel[self._dof] = 0.0
+        held = self.in_hand or self._inserted()
+        self._world.model.dof_damping[self._dof] = self._drag if held else 0.0
+        self._world.model.body_gravcomp[self._body] = float(held)
 
     def observe(self, time_s: float) -> None:
         """Note who holds the needle."""
         del time_s
-        self._gripped.append(self._needle.gripped())
-        self._in_hand.append(self._needle.in_hand)
+        self._noted_gripped.append(self._gripped())
+        self._noted_in_hand.append(self.in_hand)
 
     def truth(self, record: Record) -> NeedleTruth:
         """Return needle and tip in the circle's frame, and who held the needle."""
@@ -181,8 +129,8 @@ class SutureWorld(TaskWorld):
             times_s=record.times_s,
             T_circle_needle=T_circle_world @ record.T_world_body["needle"],
             T_circle_tip=T_circle_world @ record.T_world_tip[self._arm],
-            gripped=np.array(self._gripped),
-            in_hand=np.array(self._in_hand),
+            gripped=np.array(self._noted_gripped),
+            in_hand=np.array(self._noted_in_hand),
             p_needle_tip_m=self._scene.needle.p_tip_m,
         )
 
@@ -200,4 +148,30 @@ class SutureWorld(TaskWorld):
         await trio.sleep(LOADING_S)
         world = self._world
         T_world_tip = world.T_world_base[arm] @ fk(world.models[arm], world.joints(arm))
-        self._needle.give(T_world_tip @ self._scene.T_tip_needle @ next(self._loads))
+        T_world_needle = T_world_tip @ self._scene.T_tip_needle @ next(self._loads)
+        self._hand = np.append(T_world_needle.translation_m, T_world_needle.rotation.as_quaternion())
+        self.in_hand = True
+
+    def _inserted(self) -> bool:
+        """Return whether a part of the wire is below the phantom's surface."""
+        qpos, R_world_needle = self._world.data.qpos[self._qpos], np.empty(9)
+        mujoco.mju_quat2Mat(R_world_needle, qpos[3:])
+        heights_m = self._wire_m @ (self._up @ R_world_needle.reshape(3, 3)) + self._up @ qpos[:3] + self._height_m
+        return bool((heights_m < 0.0).any())
+
+    def _gripped(self) -> bool:
+        """Return whether both fingers of the arm press on the needle."""
+        data = self._world.data
+        pairs = data.contact.geom[: data.ncon]
+        needle = np.asarray(self._is_needle[pairs].any(1))
+        if not needle.any():
+            return False
+        return all(self._press_n(finger, pairs, needle) > LET_GO_N for finger in self._world.arms[self._arm].fingers)
+
+    def _press_n(self, finger: int, pairs: NDArray[np.int32], needle: NDArray[np.bool_]) -> float:
+        """Return the force with which a finger presses on the needle."""
+        total, force = 0.0, np.zeros(6)
+        for contact in np.flatnonzero(needle & (pairs == finger).any(1)):
+            mujoco.mj_contactForce(self._world.model, self._world.data, int(contact), force)
+            total += force[0]
+        return total

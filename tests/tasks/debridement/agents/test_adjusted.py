@@ -9,13 +9,13 @@ import trio.testing
 
 from trocar.arms import MotionLimits, fk
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
-from trocar.errors import OutOfReach
+from trocar.errors import OutOfReach, TooNear
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.motion import rest_to_rest
 from trocar.tasks.debridement.agents.adjusted import Adjusted
 from trocar.tasks.debridement.agents.inverse_control import command_for
-from trocar.tasks.debridement.pose import HeldError, PaperAdjustment
+from trocar.tasks.debridement.pose import PaperAdjustment
 
 LEFT = load_station("raven-pair").arms["left"]
 ARM, START = LEFT.model, LEFT.park_q()
@@ -23,6 +23,21 @@ LIMITS = MotionLimits(0.3 * ARM.motion_limits.velocity, 0.3 * ARM.motion_limits.
 MOTION = rest_to_rest(START, START + [0.05, 0.05, -0.02, 0.1, 0.0, 0.0], LIMITS)
 OFF = np.array([0.004, 0.0, -0.003])
 """Where the tip is seen beside where the kinematics have it; so little that a correction fits into the limits."""
+
+
+class Held:
+    """An estimator that adds the last shift that was seen."""
+
+    foresees = True
+
+    def __init__(self):
+        self.shift_m = np.zeros(3)
+
+    def learn(self, T_base_kinematic, T_base_detected):
+        self.shift_m = T_base_detected.translation_m - T_base_kinematic.translation_m
+
+    def estimate(self, T_base_kinematic):
+        return SE3.from_parts(T_base_kinematic.rotation, T_base_kinematic.translation_m + self.shift_m)
 
 
 class FakeRobot:
@@ -58,7 +73,7 @@ class FakeRobot:
         self.held.append((arms, reason))
 
 
-def adjusted(estimator=HeldError):
+def adjusted(estimator=Held):
     robot = FakeRobot()
     cell = SimpleNamespace(
         robot=robot,
@@ -104,6 +119,27 @@ def test_a_motion_under_way_is_corrected_by_what_is_seen():
 )
 def test_an_arm_that_is_braking_is_not_set_in_motion_again_by_a_correction(braking):
     assert trio.run(tried, braking).replaced == []
+
+
+def test_a_motion_that_is_refused_leaves_the_one_before_it():
+    async def refused(motions):
+        raise TooNear("left", arms=("left",), first="left", second="table", distance_m=0.0, required_m=1e-3)
+
+    async def tried_in_vain():
+        resting, robot = adjusted()
+        robot.move = refused
+        with pytest.raises(TooNear):
+            await resting.move({"left": MOTION})
+        async with trio.open_nursery() as nursery:
+            wrapped, robot = await under_way(nursery)
+            robot.replace = refused
+            here = wrapped.setpoint("left").q
+            with pytest.raises(TooNear):
+                await wrapped.replace({"left": rest_to_rest(here, here + 0.02, LIMITS)})
+            nursery.cancel_scope.cancel()
+        return resting.expected("left"), wrapped.expected("left")
+
+    assert trio.run(tried_in_vain) == (None, MOTION)
 
 
 def test_it_says_how_far_the_tip_is_from_its_way():
@@ -162,7 +198,7 @@ def test_a_motion_that_is_corrected_is_still_stopped_where_it_was_to_be():
 
 
 def test_an_estimator_that_does_not_foresee_is_not_asked_what_is_within_reach():
-    wrapped, robot = adjusted(PaperAdjustment)
+    wrapped, _ = adjusted(PaperAdjustment)
     # seen turned by half a radian: the rule turns the way to a place far off, and would command it out of range
     for time_s, ahead in ((0.2, 0.0), (0.4, 0.001)):
         kinematic = wrapped.kinematic("left") @ SE3.from_parts(translation_m=(ahead, 0.0, 0.0))
@@ -173,5 +209,4 @@ def test_an_estimator_that_does_not_foresee_is_not_asked_what_is_within_reach():
     believed = wrapped.read("left").q
     assert wrapped.reaches("left", LEFT.T_world_base @ fk(ARM, np.append(far[:3], believed[3:])))
     with pytest.raises(OutOfReach):
-        command_for(ARM, fk(ARM, np.append(far[:3], believed[3:])), wrapped._estimators["left"].settled, START)
-    del robot
+        command_for(ARM, fk(ARM, np.append(far[:3], believed[3:])), wrapped._estimators["left"].estimate, START)

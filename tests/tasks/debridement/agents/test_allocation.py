@@ -8,8 +8,8 @@ import pytest
 
 from trocar.geometry import SE3
 from trocar.tasks.debridement.agents.allocation import FULL_LOOKS, PATIENCE_S, Allocation, Failure
-from trocar.tasks.debridement.perception.seen import SeenFragment
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 TABLE = SE3.from_parts(translation_m=[-0.0745, 0.0, -0.162])
 RECEPTACLE = SE3.from_parts(translation_m=[-0.0745, 0.004, -0.162])
@@ -18,7 +18,7 @@ APART_M = 0.028
 
 def seen(x, y, height_m=0.004):
     p = np.array([x, y, TABLE.translation_m[2] + height_m])
-    return SeenFragment(p, np.array([0.012, 0.009]), 0.0, 0.004, p, False, 500, False)
+    return SeenFragment(p, np.array([0.012, 0.009]), 0.0, 0.004, 500)
 
 
 @pytest.fixture

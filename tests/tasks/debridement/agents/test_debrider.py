@@ -18,8 +18,8 @@ from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.observer import CameraFrozen, Observation
 from trocar.tasks.debridement.agents.raven_arm import WAYS
 from trocar.tasks.debridement.agents.settings import best, paper
-from trocar.tasks.debridement.perception.seen import SeenFragment
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 TABLE = SE3.from_parts(translation_m=[-0.0745, 0.0, -0.162])
 LEFT_M, RIGHT_M = (-0.03, -0.07), (-0.12, -0.06)
@@ -29,7 +29,7 @@ STEP_S = 1.0
 
 def lying(place_m, height_m=0.004):
     p = np.array([*place_m, TABLE.translation_m[2] + height_m])
-    return SeenFragment(p, np.array([0.012, 0.009]), 0.0, height_m, p, False, 500, False)
+    return SeenFragment(p, np.array([0.012, 0.009]), 0.0, height_m, 500)
 
 
 class Arm:
@@ -202,6 +202,17 @@ def test_an_arm_without_a_path_opens_its_jaws_moves_aside_and_leaves_the_fragmen
     played(script, [lying(LEFT_M), lying(RIGHT_M)])
 
 
+def test_an_arm_that_finds_no_way_home_tries_again():
+    async def script(stage):
+        arm = stage.arms["left"]
+        arm.fails = {"go": [None, NO_MOTION]}
+        await stage.run("left")
+        assert [where for name, *where in arm.did if name == "go"] == [["over"], ["home"], ["home"]]
+        assert [e["arm"] for e in stage.log.events if e["name"] == "stayed"] == ["left"]
+
+    played(script, [lying(LEFT_M)])
+
+
 def test_an_arm_that_fails_too_often_in_a_row_gives_up():
     async def script(stage):
         stage.arms["left"].holding = [False] * 20
@@ -253,6 +264,16 @@ def test_a_full_receptacle_is_for_a_person():
         assert stage.outcomes()[-1] == "RECEPTACLE_FULL" and stage.arms["left"].did[-1] == ("go", "home")
 
     played(script, [lying(LEFT_M), *heap], goals=1)
+
+
+def test_an_arm_that_stops_on_its_way_home_after_giving_up_keeps_its_place():
+    async def script(stage):
+        arm = stage.arms["left"]
+        arm.clinging, arm.fails = 99, {"go": [None, ArmStopped("left", "left does not answer")]}
+        await stage.run("left")
+        assert stage.outcomes() == ["STUCK_IN_JAWS", "ARM_STOPPED"] and "left" in stage.allocation.claimed
+
+    played(script, [lying(LEFT_M)])
 
 
 def test_a_frozen_camera_ends_both_scripts_where_the_arms_are():

@@ -20,7 +20,7 @@ from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import StepEnded
 from trocar.tasks.debridement.agents.motions import HIGHER_M, MotionProblems, MotionRunner, NoMotion, TipGoal
 from trocar.tasks.debridement.agents.settings import best, paper
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
 
 GOAL = TipGoal(SE3.identity(), 0.05)
 ARMS = {"left": ARM, "right": ARM}
@@ -47,9 +47,9 @@ class Stage:
         self.cell = SimpleNamespace(
             arms=ARMS, T_world_base_registered=bases, log=self.log, clock=self, compute=self.compute
         )
-        problems = SimpleNamespace(cell=self.cell, robot=self)
+        problems = SimpleNamespace(cell=self.cell, robot=self, settings=settings)
         self.coordinator = Coordinator(self.cell, tuple(ARMS))
-        self.runner = MotionRunner(problems, self.coordinator, None, settings)
+        self.runner = MotionRunner(problems, self.coordinator, None)
         self.runner._plan = self.plan
 
     async def compute(self, arm, name, function, budget_s):
@@ -245,8 +245,7 @@ def problems(course=None):
         read=lambda name: SimpleNamespace(jaw_rad=0.3),
         course=lambda name: course,
     )
-    limits = {name: model.motion_limits for name, model in cell.arms.items()}
-    return MotionProblems(cell, robot, Workspace(), limits, 0.004)
+    return MotionProblems(cell, robot, Workspace(), best())
 
 
 def tip(name, by_m=(0.0, 0.0, 0.0)):
@@ -263,7 +262,7 @@ def test_fixtures_are_in_the_way_unless_an_arm_goes_straight_down_to_a_fragment(
     assert bool(both.obstacles) == obstacles and not both.others and set(both.arms) == set(PARKED)
     alone = problems().of({"right": goals["right"]}, 0.0)
     assert "table" in alone.obstacles and set(alone.others) == {"left"}
-    assert alone.min_distance_m == 0.004 and alone.arms["right"].max_tip_m_s == 0.05
+    assert alone.min_distance_m == best().margin_m and alone.arms["right"].max_tip_m_s == 0.05
 
 
 def test_walls_are_higher_for_an_arm_that_carries_something_past_them():
@@ -287,6 +286,6 @@ def test_a_planner_that_finds_nothing_refuses_but_one_that_answers_wrongly_is_an
         raise NoPlan("no way round")
 
     goals = {"left": TipGoal(tip("left", (0, 0, -0.01)), 0.05)}
-    assert isinstance(MotionRunner(problems(), None, finds_nothing, best())._plan(goals).refusal, NoPlan)
+    assert isinstance(MotionRunner(problems(), None, finds_nothing)._plan(goals).refusal, NoPlan)
     with pytest.raises(InvalidInput, match="returned paths for"):
-        MotionRunner(problems(), None, lambda problem: {}, best())._plan(goals)
+        MotionRunner(problems(), None, lambda problem: {})._plan(goals)

@@ -1,21 +1,20 @@
 """What is known about fragments that a pair of images does not show."""
 
 import numpy as np
+import pytest
 
 from debridement_stage import Eyes, play
 from trocar.geometry.capsules import Capsules
 from trocar.tasks.debridement.agents.observer import FragmentMemory
 from trocar.tasks.debridement.agents.raven_arm import RavenArm
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 EYES = np.array([[0.0, 0.1, 0.25], [0.047, 0.1, 0.25]])
 PLACE = np.array([0.0, 0.0, 0.004])
 
 
 def fragment(place=PLACE, height_m=0.004):
-    return SeenFragment(
-        np.asarray(place), np.array([0.012, 0.009]), 0.3, height_m, np.asarray(place), False, 500, False
-    )
+    return SeenFragment(np.asarray(place), np.array([0.012, 0.009]), 0.3, height_m, 500)
 
 
 def arm(shift_m=0.0):
@@ -26,26 +25,25 @@ def arm(shift_m=0.0):
     return Capsules(np.array(ends), np.full(4, 0.003))
 
 
-def test_what_an_arm_hides_is_still_there():
-    memory = FragmentMemory()
-    shown, hidden = memory.update([fragment()], EYES, {"left": arm(0.2)})
-    assert (len(shown), len(hidden)) == (1, 0)
-    shown, hidden = memory.update([], EYES, {"left": arm()})
-    assert not shown
-    assert len(hidden) == 1
-    assert np.allclose(hidden[0].p_world_m, PLACE)
+@pytest.fixture
+def memory():
+    """A memory that has seen one fragment beside an arm."""
+    made = FragmentMemory()
+    assert [len(found) for found in made.update([fragment()], EYES, {"left": arm(0.2)})] == [1, 0]
+    return made
 
 
-def test_what_nothing_hides_has_gone():
-    memory = FragmentMemory()
-    memory.update([fragment()], EYES, {"left": arm(0.2)})
+def test_what_an_arm_hides_is_still_there(memory):
+    shown, (hidden,) = memory.update([], EYES, {"left": arm()})
+    assert not shown and np.allclose(hidden.p_world_m, PLACE)
+
+
+def test_what_nothing_hides_has_gone(memory):
     assert memory.update([], EYES, {"left": arm(0.2)}) == ([], [])
     assert memory.update([], EYES, {"left": arm()}) == ([], [])  # and stays gone
 
 
-def test_what_jaws_have_taken_is_not_remembered():
-    memory = FragmentMemory()
-    memory.update([fragment()], EYES, {"left": arm(0.2)})
+def test_what_jaws_have_taken_is_not_remembered(memory):
     memory.take("left", PLACE)
     assert memory.update([], EYES, {"left": arm()}) == ([], [])
 

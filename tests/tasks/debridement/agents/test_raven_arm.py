@@ -40,11 +40,11 @@ class Runner:
 
 def raven_arm(p, steps):
     robot = SimpleNamespace(p=np.array(p), T_world_tip=lambda _: SE3.from_parts(translation_m=robot.p))
-    bases = {"left": STATION.arms["left"].T_world_base}
-    problems = SimpleNamespace(cell=SimpleNamespace(T_world_base_registered=bases), robot=robot)
-    places = Places(TABLE, RECEPTACLE, best())
+    left = STATION.arms["left"]
+    cell = SimpleNamespace(arms={"left": left.model}, T_world_base_registered={"left": left.T_world_base})
     runner = Runner(robot, steps)
-    return RavenArm(problems, "left", None, runner, places, best()), runner
+    runner.problems = SimpleNamespace(cell=cell, robot=robot)
+    return RavenArm("left", None, runner, Places(TABLE, RECEPTACLE, best()), best()), runner
 
 
 def test_an_arm_that_was_stopped_low_on_its_way_rises_before_it_goes_on():

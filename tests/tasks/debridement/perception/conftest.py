@@ -8,8 +8,8 @@ from stereo_scenes import CAMERA, RIG, STATION, T_WORLD_TABLE, Awake, set_arm, s
 from trocar.arms import ik
 from trocar.perception.image import StereoRig
 from trocar.sim.world import World
+from trocar.tasks.debridement.goals import Workspace
 from trocar.tasks.debridement.scene import lay_out
-from trocar.tasks.debridement.workspace import Workspace
 
 SMALL = StereoRig(RIG.left.binned(2), RIG.right.binned(2), RIG.T_left_right)
 

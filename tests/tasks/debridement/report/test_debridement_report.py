@@ -1,15 +1,84 @@
-"""The report of hand-made trials."""
+"""Trials in numbers, Table I, and the report of hand-made trials."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
 from made_up_debridement import made_up, score
+from trocar.eval.config import RunConfig
+from trocar.log import Span
 from trocar.report.files import report_of, write_report
 from trocar.tasks.debridement.report import DebridementReport
 from trocar.tasks.debridement.report.figures import figures_of, row_of
-from trocar.tasks.debridement.report.table_one import lines_of, within
+from trocar.tasks.debridement.report.table_one import MODES, PARTS, PERSON, TABLE_1, clopper_pearson, lines_of, within
+from trocar.tasks.debridement.score import FragmentScore
+from trocar.tasks.debridement.task import Debridement
+
+# A trial in numbers.
+
+
+@pytest.mark.parametrize(("arms", "fragments_each"), [(2, 3), (1, 6)])
+def test_time_by_part_is_the_mean_of_the_working_arms_and_adds_up(arms, fragments_each):
+    """An arm that is parked does not count; spans that overlap, as images taken while an arm moves, count once."""
+    trial = made_up(RunConfig(Debridement(arms=arms), seed=2))
+    more = [Span(arm, "capture", 4.0, 6.0) for arm in trial.about["arms"]]
+    for row in (row_of(trial), row_of(replace(trial, spans=[*trial.spans, *more]))):
+        assert row.duration_s == 10.0 * fragments_each == pytest.approx(sum(row.parts_s.values()))
+        of_one = {"perception": 1.5, "planning": 2.0, "motion": 5.5, "waiting": 1.0}
+        assert row.parts_s == pytest.approx({part: fragments_each * seconds for part, seconds in of_one.items()})
+
+
+def test_plans_of_all_arms_are_counted():
+    assert row_of(made_up()).plans == 6
+
+
+def test_failures_are_counted_of_fragments_or_of_attempts():
+    scores = [
+        score(0, 0.0, attempts=3, grasp_failures=2, fragment_false_negatives=4),
+        score(1, 0.0, failure="DROPPED_EN_ROUTE", attempts=1, drops_en_route=1),
+        score(2, 10.0, failure="NOT_CLEARED", attempts=0),
+    ]
+    row = row_of(made_up(scores=scores))
+    assert row.modes["grasp_failures"] == [2, 4]
+    assert row.modes["drops_en_route"] == [1, 4]
+    assert row.modes["fragment_false_negatives"] == [1, 3]  # a fragment counts once, however often it was overlooked
+    assert (row.fragments, row.cleared, row.first_attempts, row.attempts, row.recoveries) == (3, 1, 0, 4, 2)
+    assert row.failures == {"DROPPED_EN_ROUTE": 1, "NOT_CLEARED": 1}
+
+
+def test_a_trial_without_fragments_has_a_row():
+    row = row_of(made_up(scores=[]))
+    assert row.fragments == 0 and set(map(tuple, row.modes.values())) == {(0, 0)}
+
+
+# Table I as published, and ours beside it.
+
+
+@pytest.mark.parametrize("column", TABLE_1.values(), ids=list(TABLE_1))
+def test_parts_add_up_to_the_time_of_a_fragment(column):
+    assert sum(column.shares.values()) == pytest.approx(100.0)
+    assert sum(column.parts_s.values()) == pytest.approx(column.s_per_fragment)
+    assert set(column.parts_s) <= set(PARTS) and set(column.failures) <= set(MODES)
+
+
+def test_the_nine_modes_are_fields_of_a_score():
+    assert len(MODES) == 9 and set(MODES) <= set(FragmentScore.__dataclass_fields__)
+
+
+def test_intervals_are_those_of_counts():
+    """Against Clopper and Pearson's closed form at 0, and tabulated 2 of 56."""
+    assert clopper_pearson(0, 60) == pytest.approx((0.0, 1 - 0.025 ** (1 / 60)))
+    assert clopper_pearson(2, 56) == pytest.approx((0.0044, 0.1231), abs=1e-4)
+    assert clopper_pearson(60, 60) == pytest.approx((0.025 ** (1 / 60), 1.0))
+
+
+def test_every_published_rate_lies_in_its_interval():
+    for column in (PERSON, *TABLE_1.values()):
+        for mode in MODES:
+            low, high = column.interval(mode)
+            assert low <= column.rate(mode) <= high < 0.21
 
 
 def text_of(table, width=80):
@@ -48,7 +117,7 @@ def test_nothing_cleared_gives_no_time():
     figures = figures_of([row_of(made_up(scores=scores))])
     assert figures["s_per_fragment"] is None and figures["failure_modes"]["grasp_failures"]["rate"] is None
     json.dumps(figures, allow_nan=False)
-    line = next(line for line in lines_of({"two-arms": figures}) if line[0].startswith("grasp"))
+    line = next(line for line in lines_of("two-arms", figures) if line[0].startswith("grasp"))
     assert line[-2:] == ["-", "-"]
 
 

@@ -50,15 +50,7 @@ def test_the_summary_counts_sessions(made):
     assert two["within_paper"]["multiple_grasps"] == "yes" and one["within_paper"]["multiple_grasps"] == "below"
     assert {file.name for file in files} == {"summary.json", "times.png", "failures.png", "report.html"}
     page = (folder / "report.html").read_text()
-    for words in (
-        "Table I, two arms",
-        "91.8",
-        "5.0 [5.0, 5.0]",
-        "4/28",
-        "times.png",
-        "one-arm-paper",
-        "Clopper",
-    ):
+    for words in ("Table I, two arms", "91.8", "5.0 [5.0, 5.0]", "4/28", "times.png", "one-arm-paper", "Clopper"):
         assert words in page
 
 

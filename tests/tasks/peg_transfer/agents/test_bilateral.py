@@ -4,10 +4,9 @@ import pytest
 
 from simulated import ideal_laboratory, standing
 from trocar.errors import TrocarError
-from trocar.eval import AgentContext
 from trocar.tasks.peg_transfer.agents.two_arms import Bilateral
-from trocar.tasks.peg_transfer.goals import GOALS, PegSet
-from two_armed import SETTINGS, distance_of_arms_m, named, no_way, played
+from trocar.tasks.peg_transfer.goals import GOALS
+from two_armed import SETTINGS, briefed, distance_of_arms_m, named, played
 
 FIRST = GOALS["bilateral"][:2]
 LEFT, RIGHT = FIRST
@@ -48,7 +47,5 @@ def test_the_arms_keep_their_margin_and_the_guard_has_nothing_to_do(clean):
 
 
 def test_one_arm_alone_is_refused():
-    lab = ideal_laboratory(standing(0))
-    context = AgentContext(lab.cell, FIRST, PegSet(variant="bilateral"), ("psm1",), no_way, None, None, SETTINGS)  # type: ignore
     with pytest.raises(TrocarError, match=r"needs two arms, and was given psm1"):
-        Bilateral(context)
+        Bilateral(briefed(ideal_laboratory(standing(0)), "bilateral", FIRST, arms=("psm1",)))

@@ -21,12 +21,11 @@ from trocar.eval.trial import Trial
 from trocar.motion import PLANNERS
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
-from trocar.tasks.peg_transfer.agents import agent_of
-from trocar.tasks.peg_transfer.agents.settings import quick
+from trocar.tasks.peg_transfer.agents import agent_of, quick
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Block
 from trocar.tasks.peg_transfer.task import PegTransfer
-from two_armed import Wrapped, silent
+from two_armed import Wrapped, silent, stuck
 
 BEST = PegTransfer.methods["best"]
 SETTINGS = quick()
@@ -36,14 +35,10 @@ STILL_S = 0.2
 MIDWAY = 1 / 3
 NOTHING = "this planner finds nothing"
 
-ARM_STOPPED = TransferOutcome.ARM_STOPPED.name
-BLOCKED = TransferOutcome.BLOCKED.name
-BOARD_NOT_FOUND = TransferOutcome.BOARD_NOT_FOUND.name
-DONE = TransferOutcome.DONE.name
-DROPPED = TransferOutcome.DROPPED.name
-NO_BLOCK = TransferOutcome.NO_BLOCK.name
-NOT_GRASPED = TransferOutcome.NOT_GRASPED.name
-OUT_OF_REACH = TransferOutcome.OUT_OF_REACH.name
+ARM_STOPPED, BLOCKED = TransferOutcome.ARM_STOPPED.name, TransferOutcome.BLOCKED.name
+BOARD_NOT_FOUND, NO_BLOCK = TransferOutcome.BOARD_NOT_FOUND.name, TransferOutcome.NO_BLOCK.name
+DONE, DROPPED = TransferOutcome.DONE.name, TransferOutcome.DROPPED.name
+NOT_GRASPED, OUT_OF_REACH = TransferOutcome.NOT_GRASPED.name, TransferOutcome.OUT_OF_REACH.name
 
 
 def dark(*frames, onwards=False):
@@ -61,22 +56,6 @@ def dark(*frames, onwards=False):
             return RgbdImage(*nothing, image.intrinsics, image.time_s)
 
     return Dark
-
-
-def stuck(arm, closings=None):
-    """Return a robot one of whose arms cannot close its jaws: at so many blocks, or ever."""
-
-    class Stuck(Wrapped):
-        tried = -1  # they are closed once on nothing, to see what their encoder says then
-
-        async def jaw(self, name, angle_rad):
-            if name == arm and angle_rad < 0:
-                self.tried += 1
-                if closings is None or 1 <= self.tried <= closings:
-                    angle_rad = SETTINGS.release_rad
-            return await self.inner.jaw(name, angle_rad)
-
-    return Stuck
 
 
 def clumsy(arm, share):
@@ -225,6 +204,12 @@ def came_to_an_end(trial):
     return trial.ended == "done" and end["moving"] == [] and after.sum() > 10 and all(still)
 
 
+def ended_with(trial, outcomes):
+    """Assert that the script ended by itself, and noted these outcomes, which the referee gives as well."""
+    assert came_to_an_end(trial)
+    assert noted(trial) == scored(trial) == outcomes
+
+
 def at_home(trial, arm):
     told = trial.arrays[f"commanded_{arm}"][:, :6]
     return bool(np.abs(told[-1] - told[0]).max() < 1e-5)
@@ -240,14 +225,12 @@ def moved_m(trial, block):
 
 
 @pytest.mark.parametrize(
-    ("variant", "transfers", "frames"),
-    [("unilateral", 2, (1, 3, 4, 5)), ("handover", 2, (1, 3, 4, 5))],
+    ("variant", "transfers", "frames"), [("unilateral", 2, (1, 3, 4, 5)), ("handover", 2, (1, 3, 4, 5))]
 )
 def test_where_frames_are_empty_one_looks_again(kept, variant, transfers, frames):
     """The first look at a block, then those at the next one from the moving arm."""
     trial = kept(variant, transfers, camera=dark(*frames))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [DONE] * transfers
+    ended_with(trial, [DONE] * transfers)
     assert named(trial, "no grasp")
 
 
@@ -257,8 +240,7 @@ def test_where_frames_are_empty_one_looks_again(kept, variant, transfers, frames
 )
 def test_a_camera_that_goes_dark_shows_no_more_blocks(kept, variant, outcomes, frame):
     trial = kept(variant, len(outcomes), camera=dark(frame, onwards=True))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == outcomes
+    ended_with(trial, outcomes)
     assert all(at_home(trial, arm) for arm in trial.arms)
 
 
@@ -284,8 +266,7 @@ def test_a_camera_that_is_dark_from_the_start_ends_it_all(kept, variant):
 def test_a_block_that_is_not_there_is_passed_over(kept, variant, transfers):
     missing = GOALS[variant][0].source
     trial = kept(variant, transfers, blocks=[block_on(peg) for peg in PEGS if peg != missing])
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [NO_BLOCK] + [DONE] * (transfers - 1)
+    ended_with(trial, [NO_BLOCK] + [DONE] * (transfers - 1))
     assert not trial.scores[0]["available"]
 
 
@@ -294,8 +275,7 @@ def test_two_blocks_on_one_peg_are_left_alone(kept, variant):
     """The upper one hides the lower one, and is not where a block would be."""
     peg = GOALS[variant][0].source
     trial = kept(variant, blocks=[*map(block_on, PEGS), block_on(peg, Block().height_m)])
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [NO_BLOCK, DONE]
+    ended_with(trial, [NO_BLOCK, DONE])
     assert max(moved_m(trial, peg), moved_m(trial, len(PEGS))) < 1.5e-3
     assert trial.collisions == []
 
@@ -305,16 +285,14 @@ def test_a_lower_block_that_is_seen_past_the_upper_one_is_not_grasped(kept):
     """The two are turned against each other: between the corners of one, those of the other show."""
     upper = standing(0, (0.5e-3, 0.3e-3), 0.3 + np.radians(60.0), Block().height_m)
     trial = kept("bilateral", blocks=[*map(block_on, PEGS), upper], fine=True)
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [NOT_GRASPED, DONE]
+    ended_with(trial, [NOT_GRASPED, DONE])
 
 
 @pytest.mark.parametrize(("variant", "transfers"), [("unilateral", 1), ("bilateral", 2)])
 def test_a_block_does_not_go_on_a_peg_that_is_taken(kept, variant, transfers):
     goal = GOALS[variant][0]
     trial = kept(variant, transfers, blocks=[*map(block_on, PEGS), block_on(goal.target)])
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [DROPPED, DONE][:transfers]
+    ended_with(trial, [DROPPED, DONE][:transfers])
     assert moved_m(trial, len(PEGS)) < 1e-3, "what stands there stays"
 
 
@@ -322,17 +300,11 @@ def test_a_block_does_not_go_on_a_peg_that_is_taken(kept, variant, transfers):
 
 
 @pytest.mark.parametrize(
-    ("variant", "arm", "outcomes"),
-    [
-        ("unilateral", "psm1", [NOT_GRASPED]),
-        ("bilateral", "psm2", [NOT_GRASPED, DONE]),
-        ("handover", "psm2", [NOT_GRASPED]),
-    ],
+    ("variant", "arm", "outcomes"), [("bilateral", "psm2", [NOT_GRASPED, DONE]), ("handover", "psm2", [NOT_GRASPED])]
 )
 def test_jaws_that_do_not_close_grasp_nothing(kept, variant, arm, outcomes):
     trial = kept(variant, len(outcomes), robot=stuck(arm))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == outcomes
+    ended_with(trial, outcomes)
     left = [score["source"] for score in trial.scores if not score["succeeded"]]
     assert max(moved_m(trial, block) for block in left) < 3e-3, "it stands where it stood, or was put back there"
 
@@ -340,8 +312,7 @@ def test_jaws_that_do_not_close_grasp_nothing(kept, variant, arm, outcomes):
 @pytest.mark.parametrize(("variant", "arm"), [("unilateral", "psm1"), ("bilateral", "psm2")])
 def test_jaws_that_do_not_close_once_try_again(kept, variant, arm):
     trial = kept(variant, robot=stuck(arm, closings=1))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [DONE, DONE]
+    ended_with(trial, [DONE, DONE])
     assert len(named(trial, "pick failed")) == 1
 
 
@@ -355,21 +326,18 @@ def test_jaws_that_do_not_close_once_try_again(kept, variant, arm):
 )
 def test_a_block_lost_on_its_way_is_noticed_and_the_next_ones_are_moved(kept, variant, arm, share, outcomes):
     trial = kept(variant, len(outcomes), robot=clumsy(arm, share), fine=share == 0.0)
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == outcomes
+    ended_with(trial, outcomes)
 
 
 def test_a_block_that_falls_back_on_its_peg_is_handed_over_after_all(kept):
     trial = kept("handover", robot=clumsy("psm2", 1 / 3))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [DONE, DONE]
+    ended_with(trial, [DONE, DONE])
     assert len(named(trial, "offer")) == 3
 
 
 def test_a_block_that_slips_back_on_its_peg_is_picked_again(kept):
     trial = kept("unilateral", robot=clumsy("psm1", 0.0))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [DONE, DONE]
+    ended_with(trial, [DONE, DONE])
     assert sum(span.name == "jaw" for span in trial.spans) == 7, "the jaws closed and opened once more"
 
 
@@ -379,8 +347,7 @@ def test_a_block_that_slips_back_on_its_peg_is_picked_again(kept):
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_planner_that_finds_nothing_leaves_all_blocks_where_they_are(kept, variant):
     trial = kept(variant, planner=no_way())
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [OUT_OF_REACH, OUT_OF_REACH]
+    ended_with(trial, [OUT_OF_REACH, OUT_OF_REACH])
     assert {e["reason"] for e in named(trial, "no motion")} == {"planner 'plan' found no motion: " + NOTHING}
     assert max(moved_m(trial, block) for block in PEGS) < 1e-4
 
@@ -389,8 +356,7 @@ def test_a_planner_that_finds_nothing_leaves_all_blocks_where_they_are(kept, var
 def test_a_motion_that_was_not_found_ahead_is_planned_when_it_is_due(kept, variant, call):
     """The call is the first one that is made while the arm moves: how to carry the block, or to offer it."""
     trial = kept(variant, planner=no_way(call))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [DONE, DONE]
+    ended_with(trial, [DONE, DONE])
     (event,) = named(trial, "no motion")
     motions = [span for span in trial.spans if span.name == "motion" and span.arm == event["arm"]]
     assert any(span.start_s <= event["time_s"] < span.end_s for span in motions)
@@ -407,13 +373,11 @@ def test_an_arm_alone_that_stops_answering_ends_its_transfers(kept):
 
 
 @pytest.mark.parametrize(
-    ("arm", "other", "outcomes"),
-    [("psm2", "psm1", [ARM_STOPPED, DONE]), ("psm1", "psm2", [DONE, ARM_STOPPED])],
+    ("arm", "other", "outcomes"), [("psm2", "psm1", [ARM_STOPPED, DONE]), ("psm1", "psm2", [DONE, ARM_STOPPED])]
 )
 def test_an_arm_that_stops_answering_does_not_keep_the_other_from_its_work(kept, arm, other, outcomes):
     trial = kept("bilateral", robot=silent(arm, 4, MIDWAY))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == outcomes
+    ended_with(trial, outcomes)
     assert at_home(trial, other) and not at_home(trial, arm)
 
 
@@ -421,16 +385,14 @@ def test_an_arm_that_stops_answering_does_not_keep_the_other_from_its_work(kept,
 def test_an_arm_whose_way_leads_past_one_that_stopped_gives_up_and_goes_home(kept):
     """That one has closed its jaws on its block, and stays there."""
     trial = kept("bilateral", robot=silent("psm1", 5))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [BLOCKED, ARM_STOPPED]
+    ended_with(trial, [BLOCKED, ARM_STOPPED])
     assert at_home(trial, "psm2") and not at_home(trial, "psm1")
 
 
 @pytest.mark.parametrize("arm", ["psm1", "psm2"])
 def test_an_arm_of_a_handover_that_stops_answering_ends_all_transfers(kept, arm):
     trial = kept("handover", robot=silent(arm, 5, MIDWAY))
-    assert came_to_an_end(trial)
-    assert noted(trial) == scored(trial) == [ARM_STOPPED, ARM_STOPPED]
+    ended_with(trial, [ARM_STOPPED, ARM_STOPPED])
     assert trial.scores[0]["reason"] == f"{arm} is silent"
 
 

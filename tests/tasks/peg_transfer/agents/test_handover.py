@@ -82,33 +82,6 @@ def test_jaws_that_close_further_than_those_that_give_hold_no_wall_and_try_again
     assert failed["arm"] == "psm1" and failed["jaw_rad"] > SETTINGS.jaw_empty_rad, "it held something"
 
 
-def test_a_block_that_slips_back_at_the_lift_is_offered_again():
-    class Slippery(Wrapped):
-        """The giving arm's jaws open again round their first block; its encoder says so when the arm moves."""
-
-        closed, lifted = 0, False
-
-        async def jaw(self, name, angle_rad):
-            done = await self.inner.jaw(name, angle_rad)
-            if name == "psm2" and angle_rad < 0:
-                self.closed += 1  # the first time to see where closed is
-                if self.closed == 2:
-                    await self.inner.jaw(name, SETTINGS.jaw_open_rad)
-            return done
-
-        async def move(self, motions):
-            self.lifted |= self.closed == 2 and "psm2" in motions
-            return await self.inner.move(motions)
-
-        def read(self, name):
-            state = self.inner.read(name)
-            return replace(state, jaw_rad=0.2) if name == "psm2" and self.closed == 2 and not self.lifted else state
-
-    lab, in_time, (score,) = played("handover", [GOAL], robot=Slippery)
-    assert in_time and score.succeeded
-    assert len(named(lab, "offer")) == 2
-
-
 def test_a_block_that_nobody_takes_is_put_back():
     lab, in_time, (score,) = played("handover", [GOAL], robot=stuck("psm1"))
     assert in_time and at_rest(lab)

@@ -5,16 +5,13 @@ import pytest
 
 from simulated import ideal_laboratory, standing
 from trocar.errors import OutOfReach
-from trocar.eval import AgentContext
 from trocar.geometry import SE3, SO3
-from trocar.motion import PLANNERS
+from trocar.tasks.peg_transfer.agents import Settings
 from trocar.tasks.peg_transfer.agents import motions as module
 from trocar.tasks.peg_transfer.agents.motions import end_of
-from trocar.tasks.peg_transfer.agents.settings import Settings
 from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
-from trocar.tasks.peg_transfer.goals import PegSet
 from trocar.tasks.peg_transfer.grasps import FINGER_ROOM_M, Grasp, choose_grasp
-from trocar.tasks.peg_transfer.perception import DepthView
+from two_armed import briefed
 
 SOURCE, TARGET = 0, 6
 BLOCK_AT = standing(SOURCE, (0.9e-3, -0.8e-3), 0.7)
@@ -22,9 +19,7 @@ HEIGHT_M = 36e-3
 
 
 def motions_of(fixed_wrist):
-    lab = ideal_laboratory(BLOCK_AT)
-    settings, rng = Settings(fixed_wrist=fixed_wrist), np.random.default_rng(0)
-    agent = Unilateral(AgentContext(lab.cell, (), PegSet(), ("psm1",), PLANNERS["spline"], DepthView(), rng, settings))
+    agent = Unilateral(briefed(ideal_laboratory(BLOCK_AT), settings=Settings(fixed_wrist=fixed_wrist)))
     agent.arm.table.blocks[SOURCE] = BLOCK_AT
     return agent.arm, agent.arm.motions
 

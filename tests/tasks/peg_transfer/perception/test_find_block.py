@@ -5,7 +5,7 @@ from random_cells import overhead, random_scene, world_of
 
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
-from trocar.tasks.peg_transfer.perception.blocks import find_block, find_blocks
+from trocar.tasks.peg_transfer.perception.blocks import find_block
 from trocar.tasks.peg_transfer.perception.board import find_board
 
 
@@ -21,33 +21,30 @@ def view(request):
 def test_finds_every_block_and_no_other(view):
     scene, pegs, camera, image = view
     T_camera_board = camera.T_world_camera.inverse() @ scene.T_world_board
-    fits = find_blocks(image, T_camera_board, scene.board, scene.block)
-    assert [peg for peg, fit in enumerate(fits) if fit.found] == sorted(pegs)
+    fits = [find_block(image, T_camera_board, scene.board, scene.block, peg) for peg in range(12)]
+    assert [peg for peg, fit in enumerate(fits) if not isinstance(fit, str)] == sorted(pegs)
     for true, peg in zip(scene.T_world_blocks.matrix, pegs, strict=True):
-        error = SE3(true).inverse() @ (scene.T_world_board @ fits[peg].T_board_block)
+        error = SE3(true).inverse() @ (scene.T_world_board @ fits[peg])
         assert np.linalg.norm(error.translation_m) < 0.35e-3
         yaw = np.degrees(np.arctan2(error.matrix[1, 0], error.matrix[0, 0]))
         assert abs((yaw + 60) % 120 - 60) < 2.5
         assert error.matrix[2, 2] > np.cos(np.radians(3)), "z must point into the block"
-        assert fits[peg].rms_m < 0.4e-3
 
 
 def test_an_empty_peg_says_why(view):
     scene, pegs, camera, image = view
     empty = next(peg for peg in range(12) if peg not in pegs)
     fit = find_block(image, camera.T_world_camera.inverse() @ scene.T_world_board, scene.board, scene.block, empty)
-    assert not fit.found and fit.T_board_block is None and "pixels" in fit.reason
-    with pytest.raises(TrocarError, match="without a block has no yaw"):
-        fit.yaw_rad  # noqa: B018
+    assert isinstance(fit, str) and "pixels" in fit
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_finds_the_board_from_a_poor_guess(view, sign):
     scene, _, camera, image = view
     guess = scene.T_world_board @ SE3.exp(sign * np.array([5e-3, -4e-3, 2e-3, 0.02, -0.02, 0.05]))
-    fit = find_board(image, camera.T_world_camera, scene.board, guess)
-    assert fit.found and fit.pegs_seen.sum() >= 10
-    error = (scene.T_world_board.inverse() @ fit.T_world_board).log()
+    T_world_board = find_board(image, camera.T_world_camera, scene.board, guess)
+    assert isinstance(T_world_board, SE3)
+    error = (scene.T_world_board.inverse() @ T_world_board).log()
     assert np.linalg.norm(error[:3]) < 0.15e-3
     assert np.degrees(np.linalg.norm(error[3:])) < 0.2
 
@@ -55,7 +52,7 @@ def test_finds_the_board_from_a_poor_guess(view, sign):
 def test_no_board_is_said(view):
     scene, _, camera, image = view
     away = SE3.from_parts(translation_m=[0, 0, 0.08])
-    assert not find_board(image, camera.T_world_camera, scene.board, away).found
+    assert "no plate" in find_board(image, camera.T_world_camera, scene.board, away)
 
 
 def test_a_knocked_over_block_is_no_block(view):
@@ -68,7 +65,7 @@ def test_a_knocked_over_block_is_no_block(view):
     mujoco.mj_forward(model, data)
     lying = overhead(model).render(data, np.random.default_rng(0))
     T_camera_board = camera.T_world_camera.inverse() @ scene.T_world_board
-    assert not find_block(lying, T_camera_board, scene.board, scene.block, int(pegs[0])).found
+    assert isinstance(find_block(lying, T_camera_board, scene.board, scene.block, int(pegs[0])), str)
 
 
 def test_refuses_bad_input(view):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from trocar.log import Span
-from trocar.tasks.peg_transfer.report.peg_report import floor_sentence, motion_floor_s
+from trocar.tasks.peg_transfer.report import floor_sentence, motion_floor_s
 
 
 def made(spans, duration_s, transfers, arms=("a", "b")):

@@ -1,11 +1,4 @@
-"""``trocar study peg-transfer``: from made-up trials, and real ones on two workers, one of which is killed."""
-
-import json
-import os
-import signal
-import subprocess
-import sys
-import time
+"""``trocar study peg-transfer``, from made-up trials."""
 
 import numpy as np
 import pytest
@@ -14,22 +7,20 @@ from made_up_study import rows_of, saved
 from synthetic import unmarked
 from trocar.arms import fk
 from trocar.eval.study import read_study, study_of
-from trocar.eval.trial import Trial, trial_file, trial_files
+from trocar.eval.trial import Trial, trial_file
 from trocar.report.study import write_study
-from trocar.tasks.peg_transfer.report import trial_row
-from trocar.tasks.peg_transfer.report.hypotheses import HELD, OPEN, REJECTED, findings
-from trocar.tasks.peg_transfer.report.trial_row import KIND
+from trocar.tasks.peg_transfer.report import study
+from trocar.tasks.peg_transfer.report.study import HELD, KIND, OPEN, REJECTED, findings
 from trocar.tasks.peg_transfer.task import PegTransfer
 
 KEPT = {}
 STUDY = ("study", "peg-transfer")
-WORDS = ("--variants", "unilateral", "--methods", "uncalibrated", "--sessions", "2", "--transfers", "1", "--seed", "3")
 
 
 @pytest.fixture(autouse=True)
 def _analysed_once(monkeypatch):
     """Analyse each made-up path once in all tests of the study: they are the same few, and each takes a second."""
-    analyse = trial_row.analyse_joints
+    analyse = study.analyse_joints
 
     def analysed(arm, measured, step_s, *rest):
         key = arm.name, measured.tobytes(), step_s, rest
@@ -37,7 +28,7 @@ def _analysed_once(monkeypatch):
             KEPT[key] = analyse(arm, measured, step_s, *rest)
         return KEPT[key]
 
-    monkeypatch.setattr(trial_row, "analyse_joints", analysed)
+    monkeypatch.setattr(study, "analyse_joints", analysed)
 
 
 @pytest.fixture(scope="module")
@@ -116,44 +107,3 @@ def test_the_report_alone_is_made_from_what_is_there(trocar, tmp_path):
 def test_bad_input_is_one_sentence(trocar, tmp_path, words, said):
     code, out, err = trocar(*STUDY, *words, "--out", tmp_path / "study")
     assert (code, out) == (2, "") and said in err and err.count("\n") == 1
-
-
-def children_of(pid):
-    """Return the processes that a process has started, with their command lines."""
-    line = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(pid)]
-    lines = subprocess.run(line, capture_output=True, text=True, check=False).stdout.splitlines()
-    return {int(line.split()[0]): line for line in lines}
-
-
-def workers_of(process):
-    """Return the processes that a study has started to run trials, by way of the one that they are forked from."""
-    servers = [pid for pid, line in children_of(process.pid).items() if "forkserver" in line]
-    return [pid for server in servers for pid in children_of(server)]
-
-
-@pytest.mark.slow
-def test_a_study_survives_the_death_of_a_worker_and_is_taken_up(trocar, tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, "-m", "trocar", *STUDY, *WORDS, "--out", str(tmp_path), "--jobs", "2", "--json"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    deadline = time.monotonic() + 120
-    while not workers_of(process) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(1.0)
-    if not (workers := workers_of(process)):
-        process.kill()
-        pytest.fail(f"no worker was started: {process.communicate()[1]}")
-    os.kill(workers[0], signal.SIGKILL)
-    out, err = process.communicate(timeout=240)
-    assert process.returncode == 0, err
-    summary = json.loads(out)
-    assert (summary["trials"], summary["transfers"]) == (2, 2)
-    files = trial_files(tmp_path / "unilateral-uncalibrated")
-    before = {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in files}
-    assert len(files) == 2
-    code, again, _ = trocar(*STUDY, *WORDS, "--out", tmp_path, "--jobs", 1, "--json")
-    assert code == 0 and json.loads(again) == summary
-    assert {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in files} == before

@@ -14,7 +14,7 @@ from trocar.lab import load_station
 from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings, blind
-from trocar.tasks.suture.agents.stretches import Aim, stretches
+from trocar.tasks.suture.agents.needle_tracker import Aim, stretches
 from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.score import score_sutures
@@ -101,12 +101,12 @@ def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_a
     tracker, arm = agent.tracker, TASK.setup.arm
     tracker.loaded()
     entry = next(stretch for stretch in stretches(suture_segments(GOALS[0]), TASK.setup) if stretch.aim is Aim.TIP)
-    tracker._estimator._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
+    tracker.estimator._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
     tracker.aim(entry)
     corrected = tracker.corrected(entry.segment).q
     tip = [0.0, -TASK.setup.needle.radius_m, 0.0]
     for place in (0, -1):
-        there = tracker._estimator.needle(fk(arm, corrected[place])).T_base_needle
+        there = tracker.estimator.needle(fk(arm, corrected[place])).T_base_needle
         planned = fk(arm, entry.segment.q[place]) @ grasp_pose(TASK.setup).inverse()
         np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-6)
     np.testing.assert_array_equal(corrected[:, 3:], np.broadcast_to(agent.hand.q[3:], (len(corrected), 3)))

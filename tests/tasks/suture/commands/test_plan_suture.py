@@ -6,9 +6,6 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from trocar.tasks.suture.commands.options import setup_of
-from trocar.tasks.suture.planning import PRESETS
-
 
 @pytest.fixture
 def plan(trocar):
@@ -72,20 +69,13 @@ def test_demonstrations_change_the_manipulability_and_are_named(answer):
 
 
 def test_options_change_what_they_name(answer):
-    assert answer("--margin clipped --weight 0.5 --at stations")["weight"] == 0.5
+    assert answer("--margin clipped --weight 0.5")["weight"] == 0.5
     nearer, farther = answer("--circle-radius-mm 20"), answer("--circle-radius-mm 45")
     assert nearer["reward"] != farther["reward"]
     turned = answer("--preset paper-demo --base-azimuth-deg 226")
     plain = answer("--preset paper-demo")
     shift = np.subtract(turned["switches_deg"], plain["switches_deg"])
     assert shift == pytest.approx([1, 1]), "base and circle's centre turned by 1 deg: all plans turn with it"
-
-
-def test_the_circle_goes_and_leans_where_it_is_told():
-    leaning = setup_of(PRESETS["default"], None, {"normal": (1, 0, 1), "center_mm": (5, 0, 2)}).circle.T_world_circle
-    assert leaning.apply([0, 0, 1]) == pytest.approx(np.array([0.005, 0, 0.002]) + np.array([1, 0, 1]) / np.sqrt(2))
-    under = setup_of(PRESETS["default"], None, {"normal": (0, 0, -1)}).circle.T_world_circle
-    assert under.apply([0, 0, 1]) == pytest.approx([0, 0, -1])
 
 
 @pytest.mark.parametrize(
@@ -113,29 +103,26 @@ def test_what_no_arm_reaches_is_drawn_and_saved_nevertheless(plan, tmp_path):
 
 
 def test_the_json_holds_the_setup_that_was_asked_for(answer):
-    setup = answer("--circle-radius-mm 28 --base-up-mm 95 --needle-arc-deg 230 --pushes 1")["setup"]
+    setup = answer(
+        "--circle-radius-mm 28 --base-up-mm 95 --needle-arc-deg 230 --pushes 1 --regrasp-deg 30 --center-mm 5 0 2"
+    )["setup"]
     assert setup["arm"] == "psm-classic"
     assert setup["circle"]["radius_m"] == pytest.approx(0.028)
     assert setup["T_world_base"][2][3] == pytest.approx(0.095)
     assert setup["needle"]["arc_rad"] == pytest.approx(np.radians(230))
     assert setup["insertion"]["pushes"] == 1
+    assert setup["insertion"]["regrasp_rad"] == pytest.approx(np.radians(30))
+    assert np.array(setup["circle"]["T_world_circle"])[:3, 3] == pytest.approx([0.005, 0.0, 0.002])
 
 
 @pytest.mark.parametrize(
     ("line", "words"),
     [
         ("--preset magic", "default, paper-demo"),
-        ("--count 7", "multiple"),
         ("--forbid-deg 10", "FROM:TO"),
-        ("--forbid-deg 0:350 --min-gap-deg 30", "no "),
-        ("--normal 0 0 0", "normal"),
         ("--center-mm nan 0 0", "centre"),
-        ("--margin best", "smallest, normalised, clipped, paper"),
-        ("--weight 2", "lambda"),
-        ("--demonstrations nowhere", "nowhere"),
+        ("--center-mm 600 0 0", "from -500 to 500 mm"),
         ("--fix-deg nan", "fixed positions"),
-        ("--forbid-deg 10:700", "from 10 deg to 700 deg"),
-        ("--base-azimuth-deg nan", "base azimuth is nan deg"),
         ("--out /dev/null/x", "cannot be made"),
     ],
 )
@@ -155,18 +142,10 @@ def test_sutures_that_cross_are_reported(answer, plan):
     assert "warning" not in plan()[1]
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("--pushes 0", "turned by 70.0 deg, but its tip comes out at 104.7 deg"),
-        ("--rotation-deg 10 --pushes 0", "turned by 10.0 deg"),
-        ("--straight-mm 50", "but no rotation brings its tip out"),
-    ],
-)
-def test_a_needle_that_never_comes_out_is_reported_with_its_turns(answer, plan, line, words):
+def test_a_needle_that_never_comes_out_is_reported_with_its_turns(answer, plan):
     assert answer()["needle_comes_out"] is True
-    assert answer(line)["needle_comes_out"] is False
-    assert words in " ".join(plan(line)[1].split())
+    assert answer("--pushes 0")["needle_comes_out"] is False
+    assert "turned by 70.0 deg, but its tip comes out at 104.7 deg" in " ".join(plan("--pushes 0")[1].split())
 
 
 def test_another_arm_out_of_reach_is_told_how_a_base_is_found(plan):

@@ -29,7 +29,6 @@ def test_at_a_place_it_is_the_mean_of_det_J_JT_with_arms_and_recordings_alike():
     long, short, other = recorded(rng, 40), recorded(rng, 3), recorded(rng)
     demos = demonstrations_from_joints([0.5, 0.5, 2.0], [long, short, other], TWO, "made up")
     assert_allclose(demos.places_rad, [0.5, 2.0])
-    assert demos.recordings.tolist() == [2, 1]
     expected = [[(by_definition(long[:, a], arm) + by_definition(short[:, a], arm)) / 2] for a, arm in enumerate(TWO)]
     assert_allclose(demos.per_arm[:, :1], expected, rtol=1e-9)
     assert_allclose(demos.manipulability_at([0.5]), np.mean(expected), rtol=1e-9)
@@ -55,7 +54,7 @@ def test_in_between_it_is_linear_between_the_two_closest_and_periodic(seed, plac
 def test_places_a_whole_turn_apart_are_one(same):
     rng = np.random.default_rng(2)
     demos = demonstrations_from_joints([*same, 2.0], [recorded(rng) for _ in range(3)], TWO, "made up")
-    assert demos.recordings.tolist() == [2, 1]
+    assert len(demos.places_rad) == 2
 
 
 @pytest.mark.parametrize("thetas", [[], [1.0], [1.0, 1.0]])

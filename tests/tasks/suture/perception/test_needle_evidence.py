@@ -8,7 +8,7 @@ import pytest
 from made_up_needle import ARC, FLOOR_RGB, LENS, STEEL_RGB, T_CAMERA_FLOOR, over_floor, picture
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import Patch, pixel_rays
-from trocar.tasks.suture.perception.needle_evidence import along_rays, clear, colors, gather_evidence
+from trocar.tasks.suture.perception import along_rays, clear, colors, gather_evidence
 
 NEAR_M = 1.3e-3
 TRUE = over_floor(np.random.default_rng(0))
@@ -235,29 +235,20 @@ def test_colours_tell_floor_and_steel_at_any_height():
     assert said == [FLOOR, STEEL, FLOOR, STEEL, NEITHER]
 
 
-def test_a_shadow_shows_no_colour():
-    """An eighth of the floor's light, 523 of three channels, is just enough."""
-    assert told(((22, 22, 22), 0.01), ((20, 20, 20), 0.01), ((28, 21, 18), 0.01), ((24, 18, 15), 0.01)) == [
-        STEEL,
-        NEITHER,
-        FLOOR,
-        NEITHER,
-    ]
-    assert told(((0, 0, 0), 0.01)) == [NEITHER]
-
-
-def test_colours_are_alike_up_to_a_twentieth_of_the_light():
-    """The floor's shares are .421 .312 .268; a pixel of 1000 in all would have 421."""
-    assert told(((93, 57, 50), 0.0), ((97, 54, 49), 0.0), ((75, 72, 53), 0.0), ((72, 75, 53), 0.0)) == [
-        FLOOR,
-        NEITHER,
-        FLOOR,
-        NEITHER,
-    ]
-
-
-def test_steel_is_grey_up_to_a_quarter():
-    assert told(((151, 200, 200), 0.01), ((149, 200, 200), 0.01), ((110, 200, 200), 0.01)) == [STEEL, NEITHER, NEITHER]
+@pytest.mark.parametrize(
+    ("colours", "height_m", "expected"),
+    [
+        # an eighth of the floor's light, 523 of three channels, is just enough
+        (((22, 22, 22), (20, 20, 20), (28, 21, 18), (24, 18, 15)), 0.01, [STEEL, NEITHER, FLOOR, NEITHER]),
+        (((0, 0, 0),), 0.01, [NEITHER]),
+        # the floor's shares are .421 .312 .268; up to a twentieth of the light is alike
+        (((93, 57, 50), (97, 54, 49), (75, 72, 53), (72, 75, 53)), 0.0, [FLOOR, NEITHER, FLOOR, NEITHER]),
+        # steel is grey up to a quarter
+        (((151, 200, 200), (149, 200, 200), (110, 200, 200)), 0.01, [STEEL, NEITHER, NEITHER]),
+    ],
+)
+def test_shadows_the_floors_colour_and_grey_have_bounds(colours, height_m, expected):
+    assert told(*((colour, height_m) for colour in colours)) == expected
 
 
 @pytest.mark.parametrize(("height_m", "counts"), [(0.8e-3, True), (1.3e-3, False)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from trocar.arms import ArmModel, MotionLimits
+from trocar.arms import ArmModel
 from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput
 from trocar.eval import AgentContext
@@ -40,9 +40,8 @@ class DebridementAgent:
     def __init__(self, context: AgentContext):
         cell, settings, robot = context.cell, context.settings, context.cell.robot
         if not isinstance(robot, Adjusted):
-            raise InvalidInput(
-                "debridement", "needs a robot that is adjusted by what a camera sees", "wrap it in Adjusted"
-            )
+            problem = "needs a robot that is adjusted by what a camera sees"
+            raise InvalidInput("debridement", problem, "wrap it in Adjusted")
         if not isinstance(settings, Settings):
             raise InvalidInput("debridement", f"needs its own settings, got {type(settings).__name__}")
         table, receptacle = cell.T_world_fixture["table"], cell.T_world_fixture["receptacle"]
@@ -51,21 +50,11 @@ class DebridementAgent:
         coordinator = Coordinator(cell, context.arms)
         allocation = Allocation(coordinator, context.nominal, table, receptacle, sides, len(context.goals))
         observer = StereoObserver(cell, context.perception, robot, settings)
-        share = settings.limits_share
-        limits = {
-            name: MotionLimits(share * model.motion_limits.velocity, share * model.motion_limits.acceleration)
-            for name, model in cell.arms.items()
-        }
-        problems = MotionProblems(cell, robot, context.nominal, limits, settings.margin_m)
-        runner = MotionRunner(problems, coordinator, context.planner, settings)
-        arms = [RavenArm(problems, name, observer, runner, places, settings) for name in context.arms]
+        problems = MotionProblems(cell, robot, context.nominal, settings)
+        runner = MotionRunner(problems, coordinator, context.planner)
+        arms = [RavenArm(name, observer, runner, places, settings) for name in context.arms]
         self._debriders = [Debrider(arm, allocation) for arm in arms]
 
     async def run(self) -> None:
         """Clear all fragments that can be cleared."""
         await run_all(self._debriders)
-
-
-def agent_of(context: AgentContext) -> DebridementAgent:
-    """Return the agent of a trial."""
-    return DebridementAgent(context)

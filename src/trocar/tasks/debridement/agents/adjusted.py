@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import trio
@@ -18,16 +18,13 @@ from trocar.tasks.debridement.agents.inverse_control import command_for, command
 from trocar.tasks.debridement.pose import PoseEstimator
 from trocar.trajectory import Trajectory
 
-REST_STEP_S = 0.05
-"""The rest of a motion is sampled at this interval when it is taken over."""
-LATE_S = 0.25
-"""Nothing is corrected within this time before the end of a motion."""
+REST_STEP_S = 0.05  # the rest of a motion is sampled at this interval when it is taken over
+LATE_S = 0.25  # nothing is corrected within this time before the end of a motion
 MOST_OFF_RAD = 0.05
 """A motion that starts further than this (rad, m) from its arm's estimated place was planned for another moment."""
 INSIDE = 0.012
 """A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
-LEAST_RATE = 0.5
-"""A motion that runs at less than this share of its speed is braking; it is not corrected."""
+LEAST_RATE = 0.5  # a motion that runs at less than this share of its speed is braking; it is not corrected
 
 
 class StepEnded(ArmStopped):
@@ -37,29 +34,16 @@ class StepEnded(ArmStopped):
         super().__init__(arm, "a step of the way is done")
 
 
-class Successor:
-    """The result of commands that took over from others."""
-
-    def __init__(self) -> None:
-        self.ended = trio.Event()
-        self.result: MotionResult | None = None
-
-
 @dataclass(eq=False)
 class Course:
-    """The last motion of an arm.
+    """The last motion of an arm; or the rest of one, with corrected commands."""
 
-    Attributes:
-        desired: motion of the estimated joints.
-        commands: those sent for it, on the same time.
-        stop_s: time of the motion at which it is going to be stopped; None: at its end.
-        successor: corrected commands that took over, if any.
-    """
-
-    desired: Trajectory
-    commands: Trajectory
-    stop_s: float | None = None
-    successor: Successor | None = None
+    desired: Trajectory  # motion of the estimated joints
+    commands: Trajectory  # those sent for it, on the same time
+    stop_s: float | None = None  # time of the motion at which it is going to be stopped; None: at its end
+    successor: Course | None = None  # the corrected rest that took over, if any
+    ended: trio.Event = field(default_factory=trio.Event)  # of a corrected rest
+    result: MotionResult | None = None  # how that ended; None: it was refused
 
     def drift(self, path_s: float) -> NDArray[np.float64]:
         """Return the change (6,) of estimated joints minus commands from its start to this time of it."""
@@ -103,34 +87,24 @@ class Adjusted:
         self._braking: set[str] = set()
 
     def saw(self, arm: str, time_s: float, T_base_kinematic: SE3, T_world_tip: SE3) -> None:
-        """Learn from the detected and the kinematic pose of the tip in an image; older images are ignored.
-
-        Args:
-            arm: the arm.
-            time_s: of the image.
-            T_base_kinematic: by the encoders at that time.
-            T_world_tip: as detected.
-        """
+        """Learn from the kinematic and the detected pose of the tip in an image; older images are ignored."""
         if arm in self._later:
             self._later[arm].append((time_s, T_base_kinematic, T_world_tip))
             return
         if time_s <= self._seen_s.get(arm, -np.inf):
             return
-        T_base_detected = self._T_world_base[arm].inverse() @ T_world_tip
-        self._estimators[arm].update(time_s, T_base_kinematic, T_base_detected)
+        self._estimators[arm].learn(T_base_kinematic, self._T_world_base[arm].inverse() @ T_world_tip)
         self._seen_s[arm] = time_s
         self._learn_offset(arm)
 
-    def keep(self, *arms: str) -> None:
-        """Stop learning about these arms until they move, or ``learn``, to plan from a fixed estimate."""
-        for arm in arms:
-            self._later.setdefault(arm, [])
+    def keep(self, arm: str) -> None:
+        """Stop learning about an arm until it moves, or ``learn``, to plan from a fixed estimate."""
+        self._later.setdefault(arm, [])
 
-    def learn(self, *arms: str) -> None:
+    def learn(self, arm: str) -> None:
         """Learn from what was seen meanwhile."""
-        for arm in arms:
-            for sight in self._later.pop(arm, []):
-                self.saw(arm, *sight)
+        for sight in self._later.pop(arm, []):
+            self.saw(arm, *sight)
 
     def age_s(self, arm: str) -> float:
         """Return the time since the image in which the arm was last seen; infinite before the first."""
@@ -142,9 +116,7 @@ class Adjusted:
 
     def T_world_tip(self, arm: str) -> SE3:
         """Return where the tip is estimated to be now."""
-        T_base_kinematic = self.kinematic(arm)
-        now = max(self._clock.now_s(), self._seen_s.get(arm, 0.0))
-        return self._T_world_base[arm] @ self._estimators[arm].estimate(now, T_base_kinematic)
+        return self._T_world_base[arm] @ self._estimators[arm].estimate(self.kinematic(arm))
 
     def reaches(self, arm: str, T_world_tip: SE3) -> bool:
         """Return whether the tip can be brought to a pose, by the estimated joints and by the commanded ones."""
@@ -153,7 +125,7 @@ class Adjusted:
         try:
             reached = [ik(model, T_base_tip, reference=sent + self._off[arm])]
             if self._estimators[arm].foresees:
-                reached.append(command_for(model, T_base_tip, self._estimators[arm].settled, reference=sent))
+                reached.append(command_for(model, T_base_tip, self._estimators[arm].estimate, reference=sent))
         except OutOfReach:
             return False
         slack = INSIDE * (model.upper - model.lower)
@@ -162,20 +134,16 @@ class Adjusted:
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state, with the joints as estimated."""
         reading = self._robot.read(arm)
-        return JointReading(reading.time_s, reading.q + self._off[arm], reading.jaw_rad)
+        return replace(reading, q=reading.q + self._off[arm])
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return where the joints are estimated to be commanded now."""
         sent = self._robot.setpoint(arm)
         rested = self._rested.get(arm)
-        if not sent.moving and rested is not None and np.array_equal(rested, sent.q):
-            q = sent.q + self._off[arm]
-        else:
-            if not sent.moving:
-                self._learn_offset(arm)
-            q = sent.q + self._off[arm] + self._drift(arm, sent)
-        q = np.clip(q, self._arms[arm].lower, self._arms[arm].upper)
-        return SetPoint(sent.time_s, q, sent.velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
+        if not sent.moving and (rested is None or not np.array_equal(rested, sent.q)):
+            self._learn_offset(arm)
+        q = sent.q + self._off[arm] + self._drift(arm, sent)
+        return replace(sent, q=np.clip(q, self._arms[arm].lower, self._arms[arm].upper))
 
     def expected(self, arm: str) -> Trajectory | None:
         """Return the estimated motion of the joints while the arm plays its commands, on their time."""
@@ -207,8 +175,8 @@ class Adjusted:
 
         Args:
             motions: by arm.
-            stop_s: time of the motions at which the caller is going to stop them. An estimator that does not foresee is
-                not used beyond that.
+            stop_s: time of the motions at which the caller is going to stop them; estimates beyond that are not used,
+                unless they foresee.
 
         Raises:
             MotionRefused: as the robot; or a pose on the way cannot be commanded.
@@ -230,17 +198,16 @@ class Adjusted:
         left = course.left(sent.path_s, sent.path_rate)
         if left is None:
             return
-        successor = course.successor = Successor()
         try:
-            model, until_s, settled = self._arms[arm], self._foreseen(arm, left.stop_s), self._estimators[arm].settled
-            commands = corrected(model, left.desired, left.commands, settled, model.motion_limits, until_s)
-            self._courses[arm] = replace(left, commands=commands)
-            successor.result = (await self._robot.replace({arm: commands}))[arm]
+            model, until_s, estimate = self._arms[arm], self._foreseen(arm, left.stop_s), self._estimators[arm].estimate
+            left.commands = corrected(model, left.desired, left.commands, estimate, model.motion_limits, until_s)
+            course.successor = self._courses[arm] = left
+            left.result = (await self._robot.replace({arm: left.commands}))[arm]
         except MotionRefused:  # exceeds the limits: the current motion goes on
             course.successor = None
             self._courses[arm] = course
         finally:
-            successor.ended.set()
+            left.ended.set()
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Do nothing: commands are found when a motion starts, from the newest estimate."""
@@ -250,7 +217,7 @@ class Adjusted:
         return await self._robot.jaw(arm, angle_rad)
 
     def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
-        """Bring these arms, or all, to rest."""
+        """Bring these arms, or all, to rest; nothing corrects them while they brake."""
         self._braking.update(arms or self._arms)
         self._robot.hold(*arms, reason=reason)
 
@@ -262,7 +229,7 @@ class Adjusted:
         """Update the difference between the estimated and the commanded joints where the arm is now."""
         model, sent = self._arms[arm], self._robot.setpoint(arm)
         with suppress(OutOfReach):  # out of a joint's range by less than the uncertainty: keep the last offset
-            T_base_tip = self._estimators[arm].settled(fk(model, sent.q))
+            T_base_tip = self._estimators[arm].estimate(fk(model, sent.q))
             self._off[arm] = ik(model, T_base_tip, reference=sent.q + self._off[arm]) - sent.q
         course = self._courses.get(arm)
         if sent.moving and course is not None:
@@ -281,33 +248,30 @@ class Adjusted:
         motions: Mapping[str, Trajectory], stop_s: float | None = None,
     ) -> Mapping[str, MotionResult]:  # fmt: skip
         courses = {arm: self._course(arm, motion, stop_s) for arm, motion in motions.items()}
-        before = {arm: self._courses.get(arm) for arm in motions}
-        self._courses.update(courses)
+        before = {arm: self._courses[arm] for arm in motions if arm in self._courses}
+        self._courses |= courses
         self._braking.difference_update(motions)
-        self.learn(*motions)
+        for arm in motions:
+            self.learn(arm)
         try:
             results = await verb({arm: course.commands for arm, course in courses.items()})
             return {arm: await self._last(arm, results[arm], course) for arm, course in courses.items()}
         except MotionRefused:  # the current motion goes on
-            for arm, course in before.items():
-                if course is None:
-                    del self._courses[arm]
-                else:
-                    self._courses[arm] = course
+            self._courses = {arm: course for arm, course in self._courses.items() if arm not in motions} | before
             raise
 
     async def _last(self, arm: str, result: MotionResult, course: Course) -> MotionResult:
         """Return how a motion ended, whichever of its commands were the last."""
         while result.ended is MotionEnd.REPLACED and course.successor is not None:
-            successor, course = course.successor, self._courses[arm]
+            course = course.successor
             try:
-                await successor.ended.wait()
+                await course.ended.wait()
             except trio.Cancelled:  # the robot brakes for the script that waits, which is not the cancelled one here
                 self.hold(arm, reason="nobody waits for the motion any more")
                 raise
-            if successor.result is None:
+            if course.result is None:
                 break
-            result = successor.result
+            result = course.result
         return result
 
     def _course(self, arm: str, desired: Trajectory, stop_s: float | None) -> Course:
@@ -316,9 +280,9 @@ class Adjusted:
         if off > MOST_OFF_RAD:
             problem = f"starts {off:.4f} rad (or m) away from where it is estimated to be"
             raise StartMismatch(arm, problem, "plan it from its set-point")
-        sent, settled = self._robot.setpoint(arm), self._estimators[arm].settled
-        start = {"q_start": sent.q, "velocity": sent.velocity}
-        commands = commands_for(self._arms[arm], desired, settled, **start, until_s=self._foreseen(arm, stop_s))
+        sent, estimate, until_s = self._robot.setpoint(arm), self._estimators[arm].estimate, self._foreseen(arm, stop_s)
+        model = self._arms[arm]
+        commands = commands_for(model, desired, estimate, q_start=sent.q, velocity=sent.velocity, until_s=until_s)
         return Course(desired, commands, stop_s)
 
     def _foreseen(self, arm: str, stop_s: float | None) -> float | None:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
 from trocar.robots.coordinator import Coordinator
-from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
+from trocar.tasks.debridement.perception.fragments import SAME_M, SeenFragment
 
 BESIDE_REGION_M = 0.025
 """Fragments that rolled, or were pushed, may be this far outside the region in which they were laid."""
-IN_THE_AIR_M = 0.014
-"""Anything seen this high above the work surface is held by jaws, or lies in the receptacle."""
+IN_THE_AIR_M = 0.014  # anything seen this high above the work surface is held by jaws, or lies in the receptacle
 FULL_FRAGMENTS = 3
 """A receptacle is full if this many fragments stand out of it; one may lie on another long before that."""
-FULL_LOOKS = 3
-"""This many looks in a row have to show it, since fragments are also seen while they fall."""
+FULL_LOOKS = 3  # this many looks in a row have to show it, since fragments are also seen while they fall
 FULL_M = 3e-3
 """A fragment whose middle is this close to the height of the receptacle's edge lies on others; higher up, jaws hold
 it."""
@@ -29,20 +28,11 @@ IN_JAWS_M = 0.025
 ONE_M = 0.007
 """Two fragments seen this close to each other are parts of one that a finger in front divides; the paper's program
 merges them too (facts/debridement.md)."""
-PATIENCE_S = 20.0
-"""A place where an arm failed is avoided for this long, if there is another one."""
+PATIENCE_S = 20.0  # a place where an arm failed is avoided for this long, if there is another one
 
 
-@dataclass(frozen=True, eq=False)
-class Failure:
-    """A fragment that an arm did not clear.
-
-    Attributes:
-        arm: which.
-        p_world_m: (3,) where the fragment lay.
-        time_s: when.
-        blocked: whether the arm found no path.
-    """
+class Failure(NamedTuple):
+    """A fragment that an arm did not clear: where it lay (3,), when, and whether the arm found no path."""
 
     arm: str
     p_world_m: NDArray[np.float64]
@@ -52,48 +42,32 @@ class Failure:
 
 @dataclass
 class Allocation:
-    """Fragments that arms have claimed, cleared and failed at; all arms share it.
+    """Fragments that arms have claimed, cleared and failed at; all arms share it."""
 
-    Attributes:
-        coordinator: of the arms.
-        workspace: what is known of the work surface.
-        T_world_table: the work surface.
-        T_world_receptacle: where the receptacle is.
-        sides: of every arm that takes part: +1 at +x, the left one; -1 the right one.
-        goals: how many fragments are to be cleared.
-        claimed: position of the fragment claimed by each arm.
-        busy: arms that are not done.
-        cleared: fragments that arms let go over the receptacle.
-        failures: what went wrong, where and when.
-    """
-
-    coordinator: Coordinator
-    workspace: Workspace
-    T_world_table: SE3
-    T_world_receptacle: SE3
-    sides: dict[str, int]
-    goals: int
-    claimed: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    busy: set[str] = field(default_factory=set)
-    cleared: int = 0
-    failures: list[Failure] = field(default_factory=list)
+    coordinator: Coordinator  # of the arms
+    workspace: Workspace  # what is known of the work surface
+    T_world_table: SE3  # the work surface
+    T_world_receptacle: SE3  # where the receptacle is
+    sides: dict[str, int]  # of every arm that takes part: +1 at +x, the left one; -1 the right one
+    goals: int  # how many fragments are to be cleared
+    claimed: dict[str, NDArray[np.float64]] = field(default_factory=dict)  # place of each arm's fragment
+    busy: set[str] = field(default_factory=set)  # arms that are not done
+    cleared: int = 0  # fragments that arms let go over the receptacle
+    failures: list[Failure] = field(default_factory=list)  # what went wrong, where and when
     _full: int = 0
 
     def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:
         """Return the fragments on the work surface outside the receptacle; of the parts of one, the largest."""
-        (x0, y0), (x1, y1) = self.workspace.region_m
-        low = np.array([min(x0, x1), min(y0, y1)]) - BESIDE_REGION_M
-        high = np.array([max(x0, x1), max(y0, y1)]) + BESIDE_REGION_M
-        T_receptacle_world = self.T_world_receptacle.inverse()
-        table = self.T_world_table.translation_m[2]
+        low, high = np.sort(self.workspace.region_m, axis=0) + [[-BESIDE_REGION_M], [BESIDE_REGION_M]]
+        T_receptacle_world, table_m = self.T_world_receptacle.inverse(), self.T_world_table.translation_m[2]
         lying = [
             f
             for f in fragments
-            if np.all((low < f.p_world_m[:2]) & (f.p_world_m[:2] < high))
-            and f.p_world_m[2] - table < IN_THE_AIR_M
+            if ((low < f.p_world_m[:2]) & (f.p_world_m[:2] < high)).all()
+            and f.p_world_m[2] - table_m < IN_THE_AIR_M
             and not self.workspace.receptacle.holds(T_receptacle_world.apply(f.p_world_m))
         ]
-        return [f for f in lying if not any(away_m(f, g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
+        return [f for f in lying if not any(f.away_m(g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
 
     def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
         """Return whether the receptacle's content stands out of it; what is near a tip (3,) may be in its jaws."""
@@ -115,14 +89,14 @@ class Allocation:
         still working.
         """
         others = [place for name, place in self.claimed.items() if name != arm]
-        free = [f for f in fragments if all(away_m(f, place) > apart_m for place in others)]
+        free = [f for f in fragments if all(f.away_m(place) > apart_m for place in others)]
         side = self.sides[arm]
         free.sort(key=lambda f: -side * float(f.p_world_m[0]))
         recent = [failure for failure in self.failures if now_s - failure.time_s < PATIENCE_S]
         if self.busy - {arm}:
             blocked = [failure for failure in recent if failure.blocked and failure.arm == arm]
-            free = [f for f in free if all(away_m(f, failure.p_world_m) >= SAME_M for failure in blocked)]
-        bad = [f for f in free if any(away_m(f, failure.p_world_m) < SAME_M for failure in recent)]
+            free = [f for f in free if all(f.away_m(failure.p_world_m) >= SAME_M for failure in blocked)]
+        bad = [f for f in free if any(f.away_m(failure.p_world_m) < SAME_M for failure in recent)]
         return [f for f in free if f not in bad] + bad
 
     def failures_at(self, place: NDArray[np.float64]) -> int:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from functools import partial
 
 import trio
 
 from trocar.errors import ArmStopped
+from trocar.geometry import SE3
 from trocar.robots.concurrency import together
 from trocar.tasks.debridement.agents.allocation import Allocation, Failure
 from trocar.tasks.debridement.agents.motions import NoMotion
@@ -14,29 +16,17 @@ from trocar.tasks.debridement.agents.observer import CameraFrozen
 from trocar.tasks.debridement.agents.places import Grasp
 from trocar.tasks.debridement.agents.raven_arm import WAYS, RavenArm
 from trocar.tasks.debridement.goals import FragmentOutcome
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
-TOO_MANY = 8
-"""An arm that fails this many times in a row gives up."""
-LIFTED_SHARE = 0.8
-"""Jaws that have risen by this share of their lift have left the work surface."""
+TOO_MANY = 8  # an arm that fails this many times in a row gives up
+LIFTED_SHARE = 0.8  # jaws that have risen by this share of their lift have left the work surface
 SHORT_S = 0.05
-RECEPTACLE = "receptacle"
-"""The space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)."""
-IDLE_S = 5.0
-"""An idle arm looks again after this time, or once the other one has made progress."""
+RECEPTACLE = "receptacle"  # the space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)
+IDLE_S = 5.0  # an idle arm looks again after this time, or once the other one has made progress
 
 
 class GiveUp(Exception):
-    """An arm goes home because a person has to do something first.
-
-    Attributes:
-        outcome: what is to be done.
-    """
-
-    def __init__(self, outcome: FragmentOutcome, what_to_do: str):
-        super().__init__(what_to_do)
-        self.outcome = outcome
+    """An arm goes home because a person has to do something first: (outcome, what to do)."""
 
 
 class NothingHeld(Exception):
@@ -44,12 +34,7 @@ class NothingHeld(Exception):
 
 
 class Debrider:
-    """The script of one arm.
-
-    Args:
-        arm: with its actions.
-        allocation: of fragments to the arms.
-    """
+    """The script of one arm, with its actions and the allocation that all arms share."""
 
     def __init__(self, arm: RavenArm, allocation: Allocation):
         self.arm, self.allocation, self.places = arm, allocation, arm.places
@@ -64,17 +49,16 @@ class Debrider:
         self.allocation.busy.add(self.name)
         try:
             await self.arm.come_into_sight()
-            while await self._one_more():
-                pass
+            try:
+                while await self._one_more():
+                    pass
+            except GiveUp as end:
+                self.note(*end.args)
             await self._home()
             self.allocation.claim(self.name, None)
         except ArmStopped as stop:  # where it is now, it blocks the other arm
             self.allocation.claim(self.name, self.arm.robot.T_world_tip(self.name).translation_m)
             self.note(FragmentOutcome.ARM_STOPPED, str(stop))
-        except GiveUp as end:
-            self.note(end.outcome, str(end))
-            await self._home()
-            self.allocation.claim(self.name, None)
         finally:
             self.allocation.busy.discard(self.name)
             self.coordinator.progress()
@@ -95,7 +79,8 @@ class Debrider:
             outcome, reason = await self._clear(fragment, grasp)
         except NoMotion as error:
             outcome, reason = FragmentOutcome.BLOCKED, str(error)
-            await self._back()
+            await self.arm.jaw(self.s.open_rad)
+            await self._aside(self.places.hold(self.side, self.arm.turn_rad))
         self._in_a_row = 0 if outcome is FragmentOutcome.DONE else self._in_a_row + 1
         if outcome is not FragmentOutcome.DONE:
             blocked = outcome is FragmentOutcome.BLOCKED
@@ -178,10 +163,9 @@ class Debrider:
         self.arm.observer.memory.take(self.name, fragment.p_world_m)
         try:
             if self.s.lifts_on_the_way:
-                await together(self._check_lifted, partial(self._bring, self.s.lift_m))
+                await together(self._check_on_the_way, partial(self._bring, self.s.lift_m))
             else:
                 await self.arm.rise(self.s.lift_m)
-                self.allocation.carry(self.name)
                 await self._check()
                 await self._bring()
             return await self._let_go()
@@ -193,24 +177,20 @@ class Debrider:
             self.coordinator.release(self.name, RECEPTACLE)
 
     async def _check(self) -> None:
-        """Look whether the jaws hold a fragment.
+        """Look whether the jaws, which have risen, hold a fragment.
 
         Raises:
             NothingHeld: they do not.
         """
+        self.allocation.carry(self.name)
         if not await self.arm.observer.holds(self.name):
             raise NothingHeld
 
-    async def _check_lifted(self) -> None:
-        """Look whether the jaws hold a fragment once they have risen with it, while moving on.
-
-        Raises:
-            NothingHeld: they do not.
-        """
+    async def _check_on_the_way(self) -> None:
+        """Check once the jaws have risen with the fragment, while moving on."""
         from_m = self.arm.height_m
         while self.arm.height_m < from_m + LIFTED_SHARE * self.s.lift_m:
             await self.cell.clock.sleep(SHORT_S)
-        self.allocation.carry(self.name)
         await self._check()
 
     async def _bring(self, lift_m: float = 0.0) -> None:
@@ -234,23 +214,19 @@ class Debrider:
                 await self.arm.shed(number)
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
 
-    async def _back(self) -> None:
-        """Open the jaws where the arm is, and move aside as far as possible."""
-        try:
-            await self.arm.jaw(self.s.open_rad)
-            await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad))
-        except NoMotion:
-            self.cell.log.event("stayed", arm=self.name)
-
     async def _home(self) -> None:
         """Move out of the other arm's way, if not there already."""
-        if self._is_home:
-            return
+        if not self._is_home:
+            self._is_home = await self._aside(self.places.home(self.side, self.arm.turn_rad))
+
+    async def _aside(self, places: list[SE3]) -> bool:
+        """Go to one of these places, if there is a path; return whether the arm is there."""
         try:
-            await self.arm.go_to_one(self.places.home(self.side, self.arm.turn_rad))
-            self._is_home = True
+            await self.arm.go_to_one(places)
         except NoMotion:
             self.cell.log.event("stayed", arm=self.name)
+            return False
+        return True
 
     def note(self, outcome: FragmentOutcome, reason: str) -> None:
         """Note how the handling of a fragment ended."""
@@ -260,30 +236,22 @@ class Debrider:
 
 
 async def run_all(debriders: list[Debrider]) -> None:
-    """Run the scripts of all arms; a camera failure ends them all, wherever they are."""
+    """Run the scripts of all arms, and follow their grippers; a camera failure ends them all, wherever they are."""
     frozen: list[CameraFrozen] = []
 
-    async def one(debrider: Debrider, nursery: trio.Nursery) -> None:
+    async def seeing(what: Callable[..., Awaitable[None]], *args: str) -> None:
         try:
-            await debrider.run()
+            await what(*args)
         except CameraFrozen as error:
             frozen.append(error)
             nursery.cancel_scope.cancel()
 
     async with trio.open_nursery() as nursery, trio.open_nursery() as watchers:
-
-        async def watch(debrider: Debrider) -> None:
-            try:
-                await debrider.arm.observer.follow(debrider.name)
-            except CameraFrozen as error:
-                frozen.append(error)
-                nursery.cancel_scope.cancel()
-
         for debrider in debriders:
-            watchers.start_soon(watch, debrider)
+            watchers.start_soon(seeing, debrider.arm.observer.follow, debrider.name)
         async with trio.open_nursery() as scripts:
             for debrider in debriders:
-                scripts.start_soon(one, debrider, nursery)
+                scripts.start_soon(seeing, debrider.run)
         watchers.cancel_scope.cancel()
     if frozen:
         for debrider in debriders:

@@ -13,22 +13,16 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.trajectory import Trajectory
 
-STEP_S = 0.05
-"""Commands are found for moments this far apart, and joined by a cubic spline."""
-NODE_M = 0.015
-"""Corrections are computed at places this far apart on the path, and interpolated between them."""
-KEPT_SHARE = 0.97
-"""Share of the limits used by corrected commands, since a guard checks them more finely."""
-RAMPS_S = (0.25, 0.4, 0.6, 0.9)
-"""A correction is made in the shortest of these times that the limits allow."""
+STEP_S = 0.05  # commands are found for moments this far apart, and joined by a cubic spline
+NODE_M = 0.015  # corrections are computed at places this far apart on the path, and interpolated between them
+KEPT_SHARE = 0.97  # share of the limits used by corrected commands, since a guard checks them more finely
+RAMPS_S = (0.25, 0.4, 0.6, 0.9)  # a correction is made in the shortest of these times that the limits allow
 LITTLE = np.array([0.06, 0.06, 1e-3, 0.06, 0.06, 0.06])
 """Tolerated error of a joint's command, rad and m: in the wrist it is 1 mm at the tip, which the camera sees."""
-FADE_S = 0.5
-"""Time constant with which a correction stops changing, after the last place where it is computed."""
+FADE_S = 0.5  # time constant with which a correction stops changing, after the last place where it is computed
 SHORT = 5e-3
 """Commands keep this share of their range from its ends, because a spline through them overshoots a little."""
-APART_M = 1e-3
-"""Places closer to each other than this get the same correction."""
+APART_M = 1e-3  # places closer to each other than this get the same correction
 ROUNDS = 4
 """The error depends on the command that it corrects, but changes by tenths at most, so few rounds are enough."""
 
@@ -36,7 +30,7 @@ ROUNDS = 4
 def commands_for(
     arm: ArmModel,
     desired: Trajectory,
-    settled: Callable[[SE3], SE3],
+    estimate: Callable[[SE3], SE3],
     *,
     q_start: NDArray[np.float64],
     velocity: NDArray[np.float64],
@@ -45,9 +39,9 @@ def commands_for(
     """Return the joints to be commanded so that the tip follows ``desired``.
 
     Args:
-        arm: the model.
-        desired: of the joints as a camera would confirm them.
-        settled: the pose in the base that is expected at a kinematic pose.
+        arm: its model.
+        desired: motion of the joints as a camera would confirm them.
+        estimate: the pose in the base that is expected at a kinematic pose.
         q_start: (6,) current command; its difference to the first command fades out along the way.
         velocity: (6,) of the commands now.
         until_s: time of the motion at which the arm will stop, if estimates further on are to be ignored. Then commands
@@ -57,7 +51,7 @@ def commands_for(
         OutOfReach: a command would leave a joint's range.
     """
     times = _moments(desired)
-    commands = _followed(arm, desired, times, settled, q_start, until_s)
+    commands = _followed(arm, desired, times, estimate, q_start, until_s)
     # after a change of its estimate, an arm may be where no command would bring it; only the sent commands count
     commands = commands + (q_start - commands[0]) * (1 - _ramp(times))[:, None]
     commands = np.concatenate([q_start[None], _inside(arm, commands[1:], clamps=until_s is not None)])
@@ -69,29 +63,21 @@ def corrected(
     arm: ArmModel,
     desired: Trajectory,
     sent: Trajectory,
-    settled: Callable[[SE3], SE3],
+    estimate: Callable[[SE3], SE3],
     limits: MotionLimits,
     until_s: float | None = None,
 ) -> Trajectory:
-    """Return commands that lead from the current ones to those that follow ``desired``, as far as limits allow.
+    """Return commands that lead from those that are ``sent``, on the same time, to those that follow ``desired``.
 
     They begin like the current ones, in position, velocity and acceleration, and reach the correction as soon as the
     limits allow, at the latest at the end of the motion. If that is too soon for all of it, they reach the largest
-    share that keeps the limits; the rest is left for the next correction.
-
-    Args:
-        arm: the model.
-        desired: of the joints as a camera would confirm them, from now on.
-        sent: the current commands, on the same time.
-        settled: the pose in the base that is expected at a kinematic pose.
-        limits: of the commands.
-        until_s: as for ``commands_for``.
+    share that keeps the limits; the rest is left for the next correction. Arguments are those of ``commands_for``.
 
     Raises:
         OutOfReach: a command would leave a joint's range.
     """
     times = _moments(desired)
-    followed = _followed(arm, desired, times, settled, sent(times[0]), until_s)
+    followed = _followed(arm, desired, times, estimate, sent(times[0]), until_s)
     wanted = _inside(arm, followed, clamps=until_s is not None) - sent(times)
     fine = _where_it_peaks(times, sent)
     left_s = float(times[-1] - times[0])
@@ -137,17 +123,17 @@ def _followed(
     arm: ArmModel,
     desired: Trajectory,
     times: NDArray[np.float64],
-    settled: Callable[[SE3], SE3],
+    estimate: Callable[[SE3], SE3],
     q_sent: NDArray[np.float64],
     until_s: float | None,
 ) -> NDArray[np.float64]:
     """Return commands (n, 6) for a motion at these times; after ``until_s`` their correction soon becomes constant."""
     q = desired(times)
     if until_s is None:
-        return _commands(arm, q, settled, q_sent)
+        return _commands(arm, q, estimate, q_sent)
     near = max(2, int(np.searchsorted(times, until_s, side="right")))
     try:
-        commands = _commands(arm, q[:near], settled, q_sent)
+        commands = _commands(arm, q[:near], estimate, q_sent)
     except OutOfReach:  # the present correction is still added
         return q + (q_sent - q[0])
     if near >= len(times):
@@ -159,21 +145,20 @@ def _followed(
 
 
 def _commands(
-    arm: ArmModel, q: NDArray[np.float64], settled: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
+    arm: ArmModel, q: NDArray[np.float64], estimate: Callable[[SE3], SE3], q_sent: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the joints (n, 6) to be commanded for estimated ones (n, 6), whether within the joints' ranges or not.
 
     The correction is computed at some of them, each starting from the previous one's, and interpolated.
     """
-    places = fk(arm, q).translation_m
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=-1))])
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(fk(arm, q).translation_m, axis=0), axis=-1)))
     count = max(4, int(np.ceil(way[-1] / NODE_M)) + 1)
     near = np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(0, len(way) - 1)
     nodes = np.unique(np.concatenate([[0], near, [len(way) - 1]]))
     nodes = nodes[np.diff(way[nodes], prepend=-1.0) > APART_M]
     found, added = [], q_sent - q[0]
     for node in nodes:
-        added = _added(arm, q[node], settled, added)
+        added = _added(arm, q[node], estimate, added)
         found.append(added)
     if len(nodes) == 1:
         return q + found[0]
@@ -182,24 +167,18 @@ def _commands(
 
 
 def _added(
-    arm: ArmModel, q_wanted: NDArray[np.float64], settled: Callable[[SE3], SE3], added: NDArray[np.float64]
+    arm: ArmModel, q_wanted: NDArray[np.float64], estimate: Callable[[SE3], SE3], added: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the correction (6,) that a command adds to the wanted joints, starting from a guess.
-
-    It is updated by the difference between expected and wanted joints. An arm's errors are in its joints; with poses,
-    whose errors rotate with the gripper, the same iteration need not converge.
-    """
+    """Return the correction (6,) that a command adds to the wanted joints, starting from a guess."""
+    # Joints, in which an arm errs, are compared; with poses, whose errors rotate with the gripper, the same iteration
+    # need not converge.
     for _ in range(ROUNDS):
-        added = added + q_wanted - ik_near(arm, settled(fk(arm, q_wanted + added)), q_wanted)
+        added = added + q_wanted - ik_near(arm, estimate(fk(arm, q_wanted + added)), q_wanted)
     return added
 
 
 def _inside(arm: ArmModel, q: NDArray[np.float64], clamps: bool = False) -> NDArray[np.float64]:
-    """Return commands (..., 6) kept inside the joints' range.
-
-    Raises:
-        OutOfReach: they leave it by more than a small tolerance, and are not clamped.
-    """
+    """Return commands (..., 6) kept inside the joints' range; refuse those far outside unless it ``clamps``."""
     short = SHORT * (arm.upper - arm.lower)
     kept = np.clip(q, arm.lower + short, arm.upper - short)
     beyond = np.abs(q - kept) - short - LITTLE
@@ -219,7 +198,7 @@ def _spline(times: NDArray[np.float64], q: NDArray[np.float64], velocity: NDArra
 
 
 def command_for(
-    arm: ArmModel, T_wanted: SE3, settled: Callable[[SE3], SE3], reference: NDArray[np.float64]
+    arm: ArmModel, T_wanted: SE3, estimate: Callable[[SE3], SE3], reference: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the joints (6,) to be commanded so that the tip comes to rest at one pose in the base.
 
@@ -227,5 +206,5 @@ def command_for(
         OutOfReach: they would leave a joint's range.
     """
     q_wanted = ik_near(arm, T_wanted, reference)
-    guess = reference - ik_near(arm, settled(fk(arm, reference)), reference)
-    return _inside(arm, q_wanted + _added(arm, q_wanted, settled, guess))
+    guess = reference - ik_near(arm, estimate(fk(arm, reference)), reference)
+    return _inside(arm, q_wanted + _added(arm, q_wanted, estimate, guess))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import trio
@@ -14,20 +14,18 @@ from trocar.cell import Cell
 from trocar.errors import AlreadyThere, ArmStopped, MotionRefused, TooNear
 from trocar.geometry import SE3
 from trocar.motion import ArmMotion, Facing, HalfSpace, MotionPlan, MotionProblem, Obstacle, open_box, plan_motion
+from trocar.motion.bodies import MovingArm
 from trocar.motion.clearance import swept_clearance
-from trocar.motion.moving_arm import MovingArm
 from trocar.motion.planners import Planner
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import Adjusted, StepEnded
 from trocar.tasks.debridement.agents.observer import CAMERA
 from trocar.tasks.debridement.agents.settings import Settings
-from trocar.tasks.debridement.workspace import Workspace
+from trocar.tasks.debridement.goals import Workspace
 from trocar.trajectory import Trajectory
 
-JAW_AXIS = (0.0, 1.0, 0.0)
-"""Axis in the tip's frame along which the discs of the marks face."""
-MAX_FACING_RAD = np.radians(75.0)
-"""Beyond this angle the marks are seen too much from the side."""
+JAW_AXIS = (0.0, 1.0, 0.0)  # axis in the tip's frame along which the discs of the marks face
+MAX_FACING_RAD = np.radians(75.0)  # beyond this angle the marks are seen too much from the side
 SUNK_M = 2.5e-3
 """For planning, the work surface is lowered by this and the margin: a finger's capsule is that much thicker than its
 end, and arms come close to the surface to take fragments."""
@@ -35,28 +33,19 @@ HIGHER_M = 10e-3
 """For planning, the receptacle's walls are this much higher, because a carried fragment hangs lower than the
 fingers."""
 PATH_STEP_S = 0.05
-LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1
-"""Interval between two checks of how long an arm has until it is to be stopped."""
+LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1  # interval between two checks of how long an arm has until it is to be stopped
 
 
 class NotItsTurn(MotionRefused):
     """No plan for both arms was found; the other one moves first."""
 
-    def __init__(self) -> None:
-        super().__init__("nothing was planned")
-
 
 class NoMotion(MotionRefused):
-    """An arm does not come further: no plan was found, or the robot refused it, or stopped it before a collision.
-
-    Attributes:
-        arm: name of the arm.
-        cause: why.
-        lasting: only other estimates would help, because no other arm is in the way.
-    """
+    """An arm does not come further: no plan was found, or the robot refused it, or stopped it before a collision."""
 
     def __init__(self, arm: str, cause: MotionRefused, *, lasting: bool = False):
-        self.arm, self.cause, self.lasting = arm, cause, lasting
+        self.arm, self.cause = arm, cause
+        self.lasting = lasting  # only other estimates would help, because no other arm is in the way
         super().__init__(str(cause))
 
     @property
@@ -77,33 +66,16 @@ def near_another_arm(arm: str, refusal: MotionRefused) -> bool:
 
 @dataclass(frozen=True)
 class TipGoal:
-    """One arm's next motion.
+    """One arm's next motion."""
 
-    Attributes:
-        T_world_tip: where its tip is to go.
-        speed_m_s: of the tip at most.
-        straight: a short piece down to a fragment or up from it: the fingers may be near the work surface.
-        beside_wall: a place so close to the receptacle that the true height of its walls has to be used.
-        T_world_through: a pose of the tip to pass on the way without a stop; None: none.
-    """
-
-    T_world_tip: SE3
-    speed_m_s: float
-    straight: bool = False
-    beside_wall: bool = False
-    T_world_through: SE3 | None = None
+    T_world_tip: SE3  # where its tip is to go
+    speed_m_s: float  # of the tip at most
+    straight: bool = False  # a short piece down to a fragment or up from it: the fingers may be near the work surface
+    beside_wall: bool = False  # a place so close to the receptacle that the true height of its walls has to be used
+    T_world_through: SE3 | None = None  # a pose of the tip to pass on the way without a stop; None: none
 
 
-@dataclass(frozen=True)
-class _Step:
-    """A goal, and how far (m) the tip goes towards it before the arm plans again."""
-
-    goal: TipGoal
-    length_m: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Answer:
+class _Answer(NamedTuple):
     """What an arm is to do: run a motion up to a time of its own, or nothing, or it cannot."""
 
     motion: Trajectory | None = None
@@ -113,36 +85,22 @@ class _Answer:
 
 @dataclass(frozen=True, eq=False)
 class MotionProblems:
-    """Makes motion problems from goals, starting from the estimated state of everything.
+    """Makes motion problems from goals, starting from the estimated state of everything."""
 
-    Attributes:
-        cell: the laboratory.
-        robot: the same robot, which estimates where the arms are.
-        workspace: what is known of the work surface.
-        limits: of velocity and acceleration, by arm.
-        margin_m: to keep between arms and to obstacles.
-    """
-
-    cell: Cell
-    robot: Adjusted
-    workspace: Workspace
-    limits: Mapping[str, MotionLimits]
-    margin_m: float
-
-    @cached_property
-    def table(self) -> HalfSpace:
-        """Return the distance to keep from the work surface."""
-        T_world_table = self.cell.T_world_fixture["table"]
-        normal = T_world_table.rotation.matrix[:, 2]
-        return HalfSpace(T_world_table.translation_m - (SUNK_M + self.margin_m) * normal, normal)
+    cell: Cell  # the laboratory
+    robot: Adjusted  # the same robot, which estimates where the arms are
+    workspace: Workspace  # what is known of the work surface
+    settings: Settings  # of the method
 
     def obstacles(self, beside_wall: bool) -> dict[str, Obstacle]:
         """Return work surface and receptacle as obstacles, for travelling or for going down beside a wall."""
-        box = self.workspace.receptacle
+        T_world_table, box = self.cell.T_world_fixture["table"], self.workspace.receptacle
+        normal = T_world_table.rotation.matrix[:, 2]
+        table = HalfSpace(T_world_table.translation_m - (SUNK_M + self.settings.margin_m) * normal, normal)
         height_m = box.height_m + (0.0 if beside_wall else HIGHER_M)
         T_world_receptacle = self.cell.T_world_fixture["receptacle"]
         walls = open_box("receptacle", T_world_receptacle, inside_m=box.size_m, height_m=height_m, radius_m=box.wall_m)
-        return {"table": self.table, **walls}
+        return {"table": table, **walls}
 
     def of(self, goals: Mapping[str, TipGoal], delay_s: float) -> MotionProblem:
         """Return the problem of these arms beside the others, for motions that start ``delay_s`` from now."""
@@ -152,7 +110,7 @@ class MotionProblems:
             {name: self._motion(name, goal) for name, goal in goals.items()},
             others=others,
             obstacles=self.obstacles(any(goal.beside_wall for goal in goals.values())) if free else {},
-            min_distance_m=self.margin_m,
+            min_distance_m=self.settings.margin_m,
         )
 
     def clear(self, name: str, T_world_tip: SE3, jaw_rad: float, beside_wall: bool) -> bool:
@@ -160,12 +118,13 @@ class MotionProblems:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
         q = ik(model, T_world_base.inverse() @ T_world_tip, reference=self.robot.setpoint(name).q)
         there = MovingArm.resting(model, q, T_world_base, jaw_rad)
-        found = swept_clearance({name: there}, obstacles=self.obstacles(beside_wall), enough_m=self.margin_m)
-        return found.distance_m >= self.margin_m
+        found = swept_clearance({name: there}, obstacles=self.obstacles(beside_wall), enough_m=self.settings.margin_m)
+        return found.distance_m >= self.settings.margin_m
 
     def _motion(self, name: str, goal: TipGoal) -> ArmMotion:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
-        q = self.robot.setpoint(name).q
+        q, share, most = self.robot.setpoint(name).q, self.settings.limits_share, model.motion_limits
+        limits = MotionLimits(share * most.velocity, share * most.acceleration)
         through = () if goal.T_world_through is None else (goal.T_world_through,)
         T_world_goals = SE3.unchecked(np.stack([T.matrix for T in (*through, goal.T_world_tip)]))
         T_world_camera = self.cell.T_world_camera_registered[CAMERA]
@@ -174,25 +133,20 @@ class MotionProblems:
             facing.angle_rad(T) < MAX_FACING_RAD for T in (goal.T_world_tip, T_world_base @ fk(model, q))
         )  # an arm whose marks cannot be seen now has to come back first
         return ArmMotion(
-            model,
-            q[None],
-            self.limits[name],
-            T_world_base=T_world_base,
-            T_base_goals=T_world_base.inverse() @ T_world_goals,
-            jaw_rad=self.robot.read(name).jaw_rad,
-            max_tip_m_s=goal.speed_m_s,
-            facing=facing if within else None,
-        )
+            model, q[None], limits, T_world_base=T_world_base,
+            T_base_goals=T_world_base.inverse() @ T_world_goals, jaw_rad=self.robot.read(name).jaw_rad,
+            max_tip_m_s=goal.speed_m_s, facing=facing if within else None,
+        )  # fmt: skip
 
     def _other(self, name: str, delay_s: float) -> MovingArm:
         """Return what another arm is doing, shifted to where it is commanded now."""
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
-        jaw_rad, course = self.robot.read(name).jaw_rad, self.robot.course(name)
+        jaw_rad, course, setpoint = self.robot.read(name).jaw_rad, self.robot.course(name), self.robot.setpoint(name)
         if course is None:
-            return MovingArm.resting(model, self.robot.setpoint(name).q, T_world_base, jaw_rad)
+            return MovingArm.resting(model, setpoint.q, T_world_base, jaw_rad)
         trajectory, began_s = course
         coefficients = trajectory.coefficients.copy()
-        coefficients[-1] += self.robot.setpoint(name).q - trajectory(self.robot.setpoint(name).path_s)
+        coefficients[-1] += setpoint.q - trajectory(setpoint.path_s)
         start_s = began_s - self.cell.clock.now_s() - delay_s
         return MovingArm(model, Trajectory(trajectory.times_s, coefficients), T_world_base, start_s, jaw_rad)
 
@@ -202,17 +156,12 @@ class MotionRunner:
 
     One arm is planned at a time, and what the other does meanwhile is a moving obstacle (V-C.1, decentralised); or, if
     the settings are ``centralised``, both at once as soon as each has asked, with one clock for all plans.
-
-    Args:
-        problems: of the cell.
-        coordinator: of the arms.
-        planner: of motions.
-        settings: of the method.
     """
 
-    def __init__(self, problems: MotionProblems, coordinator: Coordinator, planner: Planner, settings: Settings):
-        self._cell, self._robot, self._problems = problems.cell, problems.robot, problems
-        self._coordinator, self._planner, self._settings = coordinator, planner, settings
+    def __init__(self, problems: MotionProblems, coordinator: Coordinator, planner: Planner):
+        self.problems, self._cell, self._robot = problems, problems.cell, problems.robot
+        self._settings = problems.settings
+        self._coordinator, self._planner = coordinator, planner
         self._planning = trio.Lock()
         self._moved_alone = ""
 
@@ -223,11 +172,10 @@ class MotionRunner:
             NoMotion: there is no plan, or the robot refuses it.
             ArmStopped: the arm did not move as commanded.
         """
-        step = _Step(goal, self._settings.step_m)
         if self._settings.centralised:
-            answer: _Answer = await self._coordinator.decide_together(arm, step, self._plan_together)
+            answer: _Answer = await self._coordinator.decide_together(arm, goal, self._plan_together)
         else:
-            answer = await self._plan_beside(arm, step)
+            answer = await self._plan_beside(arm, goal)
         if answer.refusal is not None:
             self._cell.log.event("no_way", arm=arm, reason=str(answer.refusal))
             lasting = not (isinstance(answer.refusal, NotItsTurn) or near_another_arm(arm, answer.refusal))
@@ -267,30 +215,29 @@ class MotionRunner:
             await self._cell.clock.sleep(float(np.clip(self._robot.to_stop_s(arm), LEAST_WAIT_S, MOST_WAIT_S)))
         self._robot.hold(arm, reason=StepEnded(arm))
 
-    async def _plan_beside(self, arm: str, step: _Step) -> _Answer:
+    async def _plan_beside(self, arm: str, goal: TipGoal) -> _Answer:
         """Plan around what the others are doing, while no other arm plans."""
         with self._cell.log.span(arm, "waiting"):
             await self._planning.acquire()
         try:
             budget_s = self._settings.plan_budget_s
             self._robot.keep(arm)
-            plan = await self._cell.compute(arm, "planning", lambda: self._plan({arm: step.goal}), budget_s)
+            plan = await self._cell.compute(arm, "planning", lambda: self._plan({arm: goal}), budget_s)
         finally:
             self._planning.release()  # nothing may come between this and the start of the motion, which waits later
         if not plan.found:
             self._robot.learn(arm)
             return _unmoved(plan)
         motion = plan.trajectories[arm]
-        return _Answer(motion, self._time_to_stop(arm, motion, step))
+        return _Answer(motion, self._time_to_stop(arm, motion))
 
-    async def _plan_together(self, steps: Mapping[str, _Step]) -> dict[str, _Answer]:
+    async def _plan_together(self, goals: Mapping[str, TipGoal]) -> dict[str, _Answer]:
         """Plan for all arms that have asked; if that fails, for one by itself, while the other one is at rest.
 
         All jointly planned motions stop when the first arm has covered its distance.
         """
 
         def compute() -> dict[str, MotionPlan]:
-            goals = {name: step.goal for name, step in steps.items()}
             plan = self._plan(goals)
             if plan.found:
                 return dict.fromkeys(goals, plan)
@@ -302,22 +249,22 @@ class MotionRunner:
                     break
             return found
 
-        plans = await self._cell.compute(min(steps), "planning", compute, self._settings.plan_budget_s)
+        plans = await self._cell.compute(min(goals), "planning", compute, self._settings.plan_budget_s)
         motions = {name: plan.trajectories[name] for name, plan in plans.items() if plan.found}
-        times = [self._time_to_stop(name, motion, steps[name]) for name, motion in motions.items()]
+        times = [self._time_to_stop(name, motion) for name, motion in motions.items()]
         stop_s = min((time_s for time_s in times if time_s is not None), default=None)
         unmoved = {name: _unmoved(plan) for name, plan in plans.items() if not plan.found}
         moved = {name: _Answer(motion, stop_s) for name, motion in motions.items()}
-        return dict.fromkeys(steps, _Answer(refusal=NotItsTurn())) | unmoved | moved
+        return dict.fromkeys(goals, _Answer(refusal=NotItsTurn("nothing was planned"))) | unmoved | moved
 
     def _plan(self, goals: Mapping[str, TipGoal]) -> MotionPlan:
-        return plan_motion(self._problems.of(goals, self._settings.plan_budget_s), self._planner)
+        return plan_motion(self.problems.of(goals, self._settings.plan_budget_s), self._planner)
 
-    def _time_to_stop(self, arm: str, motion: Trajectory, step: _Step) -> float | None:
-        """Return the time at which the tip has gone as far as a step; None if the motion is shorter."""
+    def _time_to_stop(self, arm: str, motion: Trajectory) -> float | None:
+        """Return the time at which the tip has gone as far as a step, after which it plans again; None: less far."""
         times, q = motion.sample(PATH_STEP_S)
         gone = np.cumsum(np.linalg.norm(np.diff(fk(self._cell.arms[arm], q).translation_m, axis=0), axis=-1))
-        beyond = np.flatnonzero(gone > step.length_m)
+        beyond = np.flatnonzero(gone > self._settings.step_m)
         return None if not len(beyond) else float(times[beyond[0]])
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from contextlib import nullcontext
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import trio
@@ -19,32 +20,35 @@ from trocar.perception.image import StereoImage, StereoRig, StereoWindow
 from trocar.robots.concurrency import with_helpers
 from trocar.tasks.debridement.agents.adjusted import Adjusted, StepEnded
 from trocar.tasks.debridement.agents.settings import Settings
-from trocar.tasks.debridement.perception.seen import SAME_M, SeenFragment, away_m
+from trocar.tasks.debridement.perception.fragments import SAME_M, SeenFragment
 
 CAMERA = "stereo"
-FROZEN = 3
-"""After this many identical images in a row, although an arm has moved, the camera counts as frozen."""
+FROZEN = 3  # after this many identical images in a row, although an arm has moved, the camera counts as frozen
 LOST_S = 1.0
 MARGIN_M, LOST_MARGIN_M = 0.008, 0.020
 """Margin of a window round the gripper, and a larger one if it has not been seen for longer than ``LOST_S``."""
-HELD_MARGIN_M = 0.016
-"""Margin if it may hold a fragment, which sticks out of the jaws."""
-MOVED_M = 2e-3
-"""An arm that has moved by this much changes some pixel."""
-SHORT_S = 0.01
-"""Minimum pause between two looks at a gripper."""
-AGAIN_S = 0.2
-"""Pause before another try after an image that shows nothing new, or not what is needed."""
-LYING_M = 0.012
-"""Middles of fragments on the work surface are lower than this; others are held, and not remembered."""
+HELD_MARGIN_M = 0.016  # margin if it may hold a fragment, which sticks out of the jaws
+MOVED_M = 2e-3  # an arm that has moved by this much changes some pixel
+SHORT_S = 0.01  # minimum pause between two looks at a gripper
+AGAIN_S = 0.2  # pause before another try after an image that shows nothing new, or not what is needed
+LYING_M = 0.012  # middles of fragments on the work surface are lower than this; others are held, and not remembered
 ROUND_M = 0.008
 """An arm may hide fragments this far beyond its outline: its pose is an estimate, and what it carries sticks out."""
 SHIFTED_M = 0.016
 """Jaws that approach a fragment may shift it unseen, by half of their opening plus half its length at most."""
-FINGERS = slice(2, 4)
-"""The fingers among an arm's capsules."""
-HIDDEN_LOOKS = 8
-"""Number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on."""
+FINGERS = slice(2, 4)  # the fingers among an arm's capsules
+HIDDEN_LOOKS = 8  # number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on
+
+
+class CameraFrozen(TrocarError):
+    """The camera delivers no new images."""
+
+
+class Observation(NamedTuple):
+    """What one pair of images showed, wherever it is, and the fragments on the work surface that an arm hides in it."""
+
+    fragments: Sequence[SeenFragment]
+    hidden: Sequence[SeenFragment] = ()
 
 
 class FragmentMemory:
@@ -56,33 +60,28 @@ class FragmentMemory:
 
     def update(
         self, seen: Sequence[SeenFragment], p_world_eyes_m: NDArray[np.float64], arms: Mapping[str, Capsules]
-    ) -> tuple[list[SeenFragment], list[SeenFragment]]:
-        """Return what a pair of images shows outside the jaws, and the fragments that arms hide in it.
+    ) -> Observation:
+        """Return what a pair of images from eyes (2, 3) shows outside the jaws, and the fragments that arms hide in it.
 
         A fragment that is neither seen nor hidden is gone, and is forgotten. One that appears beside a hidden one is
-        that one, shifted.
-
-        Args:
-            seen: in the images.
-            p_world_eyes_m: (2, 3) where both eyes are, the left one first.
-            arms: their solids in the world, approximately where they were in the images.
+        that one, shifted. The arms' solids are in the world, approximately where they were in the images.
         """
         fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
         shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
-        appeared = [new for new in shown if all(away_m(new, old.p_world_m) > SAME_M for old in self._lying)]
+        appeared = [new for new in shown if all(new.away_m(old.p_world_m) > SAME_M for old in self._lying)]
         hidden = [
             old
             for old in self._lying
-            if all(away_m(old, new.p_world_m) > SAME_M for new in shown)
-            and all(away_m(old, new.p_world_m) > SHIFTED_M for new in appeared)
+            if all(old.away_m(new.p_world_m) > SAME_M for new in shown)
+            and all(old.away_m(new.p_world_m) > SHIFTED_M for new in appeared)
             and _is_behind(old, p_world_eyes_m, arms.values())
         ]
         self._lying = [*(fragment for fragment in shown if fragment.height_m < LYING_M), *hidden]
-        return shown, hidden
+        return Observation(shown, hidden)
 
     def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
         """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there."""
-        self._lying = [old for old in self._lying if away_m(old, p_world_m) > SHIFTED_M]
+        self._lying = [old for old in self._lying if old.away_m(p_world_m) > SHIFTED_M]
         self._carrying.add(arm)
 
     def let_go(self, arm: str) -> None:
@@ -90,29 +89,8 @@ class FragmentMemory:
         self._carrying.discard(arm)
 
 
-class CameraFrozen(TrocarError):
-    """The camera delivers no new images."""
-
-
-@dataclass(frozen=True)
-class Observation:
-    """What one pair of images showed, and what was hidden in it.
-
-    Attributes:
-        fragments: everything that looks like one, wherever it is.
-        hidden: fragments on the work surface that an arm hides now, as last seen.
-    """
-
-    fragments: Sequence[SeenFragment]
-    hidden: Sequence[SeenFragment] = ()
-
-
 class StereoObserver:
-    """The stereo camera that the arms share.
-
-    Attributes:
-        memory: of fragments that arms hide or carry.
-    """
+    """The stereo camera that the arms share, with a memory of the fragments that arms hide or carry."""
 
     def __init__(self, cell: Cell, perception: Any, robot: Adjusted, settings: Settings):
         self._cell, self._perception, self._robot, self._settings = cell, perception, robot, settings
@@ -128,17 +106,14 @@ class StereoObserver:
             CameraFrozen: images do not change any more.
         """
         image, kinematic = await self._captured(arm, "whole")
-        table, arms = self._cell.T_world_fixture["table"], self._cell.arms
-        found = await self._cell.compute(
-            arm,
-            "perception",
-            lambda: (
-                self._perception.fragments(image, self._T_world_camera, table, arms),
-                {name: self._perception.gripper(image, self._T_world_camera, model) for name, model in arms.items()},
-            ),
-            self._settings.fragments_budget_s,
-        )
-        fragments, grippers = found
+        see, T_world_camera, arms = self._perception, self._T_world_camera, self._cell.arms
+
+        def find():
+            fragments = see.fragments(image, T_world_camera, self._cell.T_world_fixture["table"], arms)
+            return fragments, {name: see.gripper(image, T_world_camera, model) for name, model in arms.items()}
+
+        budget_s = self._settings.fragments_budget_s
+        fragments, grippers = await self._cell.compute(arm, "perception", find, budget_s)
         for name, gripper in grippers.items():
             if gripper is not None:
                 self._robot.saw(name, image.time_s, kinematic[name], gripper.T_world_tip)
@@ -158,39 +133,27 @@ class StereoObserver:
             solids[name] = expected.moved(self._cell.T_world_base_registered[name])
         T_world_right = self._T_world_camera @ rig.T_left_right
         eyes_m = np.stack([self._T_world_camera.translation_m, T_world_right.translation_m])
-        return Observation(*self.memory.update(seen, eyes_m, solids))
+        return self.memory.update(seen, eyes_m, solids)
 
-    async def track(self, arm: str, span: bool = True) -> None:
-        """Take an image around a gripper, and learn where it is if it is seen.
+    async def track(
+        self, arm: str, *, waits: bool = True, margin_m: float = MARGIN_M
+    ) -> tuple[StereoImage, SE3 | None]:
+        """Learn where a gripper is from an image round it; return that, and the tip as seen; None: marks are hidden.
 
-        Args:
-            arm: the arm.
-            span: whether the arm waits for the image; else it continues meanwhile.
+        The arm waits for the image, or continues meanwhile.
         """
-        await self._tracked(arm, span, MARGIN_M)
-
-    async def _tracked(self, arm: str, span: bool, margin_m: float) -> tuple[StereoImage, SE3 | None]:
-        """Return an image with this margin round a gripper, and its tip as seen in it; None: the marks are hidden."""
-        model = self._cell.arms[arm]
-        rig = self._camera.model
         margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
+        tip, binning = self._robot.T_world_tip(arm), 1 if waits else self._settings.watch_binning
         window = self._perception.gripper_window(
-            self._robot.T_world_tip(arm),
-            self._T_world_camera,
-            rig,
-            margin_m=margin_m,
-            binning=1 if span else self._settings.watch_binning,
+            tip, self._T_world_camera, self._camera.model, margin_m=margin_m, binning=binning
         )
-        image, kinematic = await self._captured(arm, "window", window, span)
+        image, kinematic = await self._captured(arm, "window", window, waits)
+        find = partial(self._perception.gripper, image, self._T_world_camera, self._cell.arms[arm])
         budget_s = self._settings.gripper_budget_s
-
-        def compute():
-            return self._perception.gripper(image, self._T_world_camera, model)
-
-        if span:
-            seen = await self._cell.compute(arm, "perception", compute, budget_s)
+        if waits:
+            seen = await self._cell.compute(arm, "perception", find, budget_s)
         else:
-            seen, seconds = await self._cell.clock.compute(compute, budget_s)
+            seen, seconds = await self._cell.clock.compute(find, budget_s)
             self._cell.log.compute("watching", seconds, budget_s)
         if seen is None:
             return image, None
@@ -208,7 +171,7 @@ class StereoObserver:
             while True:
                 began_s = self._cell.clock.now_s()
                 if self._robot.setpoint(arm).moving:
-                    await self.track(arm, span=False)
+                    await self.track(arm, waits=False)
                     if self._robot.astray_m(arm) > self._settings.astray_m:
                         self._robot.hold(arm, reason=StepEnded(arm))
                     else:
@@ -221,10 +184,9 @@ class StereoObserver:
         """Return whether pixels show that a fragment was picked up, and note it; if inconclusive, look again."""
         holding, sure, image_s = await self._check_jaws(arm)
         for _ in range(HIDDEN_LOOKS):
-            if sure:
-                break
-            await self._cell.clock.sleep(AGAIN_S)
-            holding, sure, image_s = await self._check_jaws(arm)
+            if not sure:
+                await self._cell.clock.sleep(AGAIN_S)
+                holding, sure, image_s = await self._check_jaws(arm)
         self._cell.log.event("pickup", arm=arm, holding=holding, image_s=round(image_s, 6))
         return holding
 
@@ -238,18 +200,15 @@ class StereoObserver:
         If the marks are hidden, mostly by the other arm, the content of the jaws may be hidden too, or the jaws may be
         elsewhere; the absence of red then means nothing.
         """
-        image, T_world_seen = await self._tracked(arm, span=True, margin_m=HELD_MARGIN_M)
+        image, T_world_seen = await self.track(arm, margin_m=HELD_MARGIN_M)
         T_world_tip, jaw_rad = T_world_seen or self._robot.T_world_tip(arm), self._robot.read(arm).jaw_rad
-        holding = await self._cell.compute(
-            arm,
-            "perception",
-            lambda: self._perception.holding(image, self._T_world_camera, self._cell.arms[arm], T_world_tip, jaw_rad),
-            self._settings.gripper_budget_s,
-        )
-        return bool(holding), bool(holding) or T_world_seen is not None, image.time_s
+        where = self._T_world_camera, self._cell.arms[arm], T_world_tip, jaw_rad
+        look = partial(self._perception.holding, image, *where)
+        holding = bool(await self._cell.compute(arm, "perception", look, self._settings.gripper_budget_s))
+        return holding, holding or T_world_seen is not None, image.time_s
 
     async def _captured(
-        self, arm: str, kind: str, window: StereoWindow | None = None, span: bool = True
+        self, arm: str, kind: str, window: StereoWindow | None = None, waits: bool = True
     ) -> tuple[StereoImage, dict[str, SE3]]:
         """Return a new image, and the kinematic poses of all arms when it was taken.
 
@@ -257,10 +216,7 @@ class StereoObserver:
             CameraFrozen: the images are not new.
         """
         for _ in range(FROZEN):
-            if span:
-                with self._cell.log.span(arm, "capture"):
-                    image = await self._camera.capture(window)
-            else:
+            with self._cell.log.span(arm, "capture") if waits else nullcontext():
                 image = await self._camera.capture(window)
             if not isinstance(image, StereoImage):
                 raise InvalidInput(f"camera {CAMERA!r}", "has one eye", "debridement needs two")
@@ -274,21 +230,17 @@ class StereoObserver:
         """Return whether an image differs from the last of its kind, if an arm has moved since."""
         tips = np.array([T.translation_m for T in kinematic.values()])
         before = self._last.get(key)
-        if before is not None and np.abs(tips - before[1]).max() > MOVED_M:
-            pixels = before[0]
-            if pixels.shape == image.left.shape and np.array_equal(pixels, image.left):
-                return False
+        if before is not None and np.abs(tips - before[1]).max() > MOVED_M and np.array_equal(before[0], image.left):
+            return False
         self._last[key] = image.left, tips
         return True
 
 
 def _is_behind(fragment: SeenFragment, p_world_eyes_m: NDArray[np.float64], solids: Iterable[Capsules]) -> bool:
     """Return whether the line of sight from one of the eyes to a fragment passes through or close to these solids."""
-    near = ROUND_M + 0.5 * float(fragment.extent_m[0])
-    for solid in solids:
-        ends = solid.ends_m
-        for eye in p_world_eyes_m:
-            away = segment_distances_m(ends[:, 0], ends[:, 1], eye, fragment.p_world_m)
-            if (away < solid.radii_m + near).any():
-                return True
-    return False
+    near, place = ROUND_M + 0.5 * float(fragment.extent_m[0]), fragment.p_world_m
+    return any(
+        (segment_distances_m(solid.ends_m[:, 0], solid.ends_m[:, 1], eye, place) < solid.radii_m + near).any()
+        for solid in solids
+        for eye in p_world_eyes_m
+    )

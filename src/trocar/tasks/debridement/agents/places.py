@@ -11,76 +11,52 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.geometry import SE3, SO3
 from trocar.tasks.debridement.agents.settings import Settings
-from trocar.tasks.debridement.perception.seen import SeenFragment
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 TILT_RAD = np.radians(8.0)
 """The gripper leans back by this, so that the marks on its fingers face a camera at the front."""
 TURNS_RAD = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -40.0, 40.0])
 """Rotations about the vertical that are tried; beyond them, marks turn away from the camera."""
-ENDS_ABOVE_M = 2.0e-3
-"""Height over the work surface at which closed jaws end."""
-BESIDE_M = 0.045
-"""Where arms wait: this far to their side of the receptacle's middle."""
+ENDS_ABOVE_M = 2.0e-3  # height over the work surface at which closed jaws end
+BESIDE_M = 0.045  # where arms wait: this far to their side of the receptacle's middle
 OVER_M, NEARER_M = 0.025, 0.012
 """Where they let go: this far to their side of its middle, and this much closer to the fragments; 23 mm inside the
 wall."""
 NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for back in (0.0, -0.010, 0.010, -0.018))
 """Other places if one is out of reach: outwards, and across."""
-NEAR_RAD = (0.0, 0.35, -0.35)
-"""Rotations of the gripper there, outwards, besides the present one."""
+NEAR_RAD = (0.0, 0.35, -0.35)  # rotations of the gripper there, outwards, besides the present one
 METRES_PER_RAD = 8.0e-3
 """Turning the gripper by another radian for a grasp costs as much as this many metres of additional fragment width
 (assumed): with 1 rad/s^2, turning the wrist takes longer than moving the arm there."""
-BEHIND_M = 0.030
-"""Where they wait: this far from the receptacle's middle, towards -y of the world."""
-HIGHER_M = 0.015
-"""Arms at rest are this much higher than when moving."""
-ROOM_M = 1.0e-3
-"""Least distance between the open jaws and a neighbouring fragment."""
+BEHIND_M = 0.030  # where they wait: this far from the receptacle's middle, towards -y of the world
+HIGHER_M = 0.015  # arms at rest are this much higher than when moving
+ROOM_M = 1.0e-3  # least distance between the open jaws and a neighbouring fragment
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """How one fragment is grasped.
+    """How one fragment is grasped."""
 
-    Attributes:
-        T_world_above: tip above it.
-        T_world_grasp: tip with the fragment between the jaws.
-        open_rad: jaw opening before the grasp.
-        crowded: how many other fragments the jaws may catch.
-    """
-
-    T_world_above: SE3
-    T_world_grasp: SE3
-    open_rad: float
-    crowded: int
+    T_world_above: SE3  # tip above it
+    T_world_grasp: SE3  # tip with the fragment between the jaws
+    open_rad: float  # jaw opening before the grasp
+    crowded: int  # how many other fragments the jaws may catch
 
 
-@dataclass(frozen=True, eq=False)
 class Places:
-    """Places in the world, from registration and fixtures.
+    """Places in the world; sides are +1 of the arm at +x, the left one, and -1."""
 
-    Attributes:
-        T_world_table: the work surface.
-        T_world_receptacle: the receptacle's floor.
-        settings: of the method.
-    """
-
-    T_world_table: SE3
-    T_world_receptacle: SE3
-    settings: Settings
-
-    @property
-    def table_m(self) -> float:
-        """Return the height of the work surface in the world."""
-        return float(self.T_world_table.translation_m[2])
+    def __init__(self, T_world_table: SE3, T_world_receptacle: SE3, settings: Settings):
+        self.table_m = float(T_world_table.translation_m[2])  # height of the work surface in the world
+        self.receptacle_m = T_world_receptacle.translation_m  # the middle of its floor
+        self.settings = settings
 
     def side(self, T_world_base: SE3) -> int:
-        """Return on which side of the receptacle an arm stands: +1 at +x, the left one, or -1."""
-        return 1 if T_world_base.translation_m[0] > self.T_world_receptacle.translation_m[0] else -1
+        """Return on which side of the receptacle an arm stands."""
+        return 1 if T_world_base.translation_m[0] > self.receptacle_m[0] else -1
 
     def hold(self, side: int, turn_rad: float) -> list[SE3]:
-        """Return where an arm (side +1: the one at +x) at this rotation may wait beside the receptacle, best first."""
+        """Return where an arm with this rotation may wait beside the receptacle, best first."""
         return self._around(side, turn_rad, BESIDE_M, -BEHIND_M, self.settings.hold_high_m)
 
     def home(self, side: int, turn_rad: float) -> list[SE3]:
@@ -96,22 +72,16 @@ class Places:
         turns = [side * turn for turn in NEAR_RAD]
         if self.settings.turns:
             turns.insert(0, float(np.clip(turn_rad, TURNS_RAD.min(), TURNS_RAD.max())))
-        return [
-            self._standing(side * (along_m + out), across_m + back, high_m, turn)
-            for out, back in NEAR_M
-            for turn in turns
-        ]
+        shifts = [np.array([side * (along_m + out), across_m + back, 0.0]) for out, back in NEAR_M]
+        foot = np.array([*self.receptacle_m[:2], self.table_m + high_m])
+        return [SE3.from_parts(_leaning(turn), foot + shift) for shift in shifts for turn in turns]
 
     def grasps(
         self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float
     ) -> list[Grasp]:
-        """Return grasps of a fragment, the one least likely to catch a neighbour first.
+        """Return grasps of a fragment beside others, the one least likely to catch a neighbour first.
 
-        Args:
-            fragment: to be grasped.
-            others: that lie nearby.
-            arm: that grasps it.
-            turn_rad: present rotation of its gripper about the vertical.
+        Of equally good ones, those near the present rotation of the arm's gripper about the vertical come first.
         """
         turns = TURNS_RAD if self.settings.turns else TURNS_RAD[:1]
         found = [(float(turn), *self._grasp(fragment, others, arm, float(turn))) for turn in turns]
@@ -123,12 +93,13 @@ class Places:
     ) -> tuple[float, Grasp]:
         """Return the width of the fragment between the jaws, and the grasp with this turn."""
         s, finger_m = self.settings, arm.instrument.finger_length_m
-        R = SO3.axis("z", turn_rad) @ SO3.axis("x", TILT_RAD)
+        R = _leaning(turn_rad)
         back = R.matrix[:, 2]
         rise = (fragment.p_world_m[2] - self.table_m - ENDS_ABOVE_M) / back[2]
         ends = fragment.p_world_m - rise * back
         tip = ends + (finger_m - arm.tip_length_m) * back
-        width = _width_m(fragment, turn_rad)
+        off, (long, short) = fragment.yaw_rad - turn_rad, fragment.extent_m
+        width = float(np.hypot(long * np.cos(off), short * np.sin(off)))  # along the direction in which jaws close
         open_rad = s.open_rad
         if s.hug_m > 0:
             open_rad = min(open_rad, 2 * np.arcsin(min(1.0, (width + s.hug_m) / (2 * finger_m))))
@@ -137,28 +108,15 @@ class Places:
         above = tip + s.above_m * back
         return width, Grasp(SE3.from_parts(R, above), SE3.from_parts(R, tip), float(open_rad), crowded)
 
-    def _standing(self, along_m: float, across_m: float, high_m: float, turn_rad: float) -> SE3:
-        middle = self.T_world_receptacle.translation_m
-        place = [middle[0] + along_m, middle[1] + across_m, self.table_m + high_m]
-        return SE3.from_parts(SO3.axis("z", turn_rad) @ SO3.axis("x", TILT_RAD), place)
 
-
-def turn_of(T_world_tip: SE3) -> float:
-    """Return the rotation about the vertical of a gripper that points downwards."""
-    across = T_world_tip.rotation.matrix[:, 0]
-    return float(np.arctan2(across[1], across[0]))
+def _leaning(turn_rad: float) -> SO3:
+    """Return the rotation of a gripper that points down, leaning back, turned about the vertical."""
+    return SO3.axis("z", turn_rad) @ SO3.axis("x", TILT_RAD)
 
 
 def raised(T_world_tip: SE3, by_m: float) -> SE3:
     """Return a pose higher up."""
     return SE3.from_parts(T_world_tip.rotation, T_world_tip.translation_m + [0.0, 0.0, by_m])
-
-
-def _width_m(fragment: SeenFragment, turn_rad: float) -> float:
-    """Return the extent of a fragment along the direction in which jaws with this turn close."""
-    off = fragment.yaw_rad - turn_rad
-    long, short = fragment.extent_m
-    return float(np.hypot(long * np.cos(off), short * np.sin(off)))
 
 
 def _within(fragment: SeenFragment, other: SeenFragment, turn_rad: float, gap_m: float, arm: ArmModel) -> bool:

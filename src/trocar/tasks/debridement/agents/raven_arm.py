@@ -6,18 +6,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
-from trocar.arms import ArmModel, ik
+from trocar.arms import ik
 from trocar.errors import ArmStopped, NoPlan, OutOfReach
 from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
 from trocar.robots.concurrency import together
-from trocar.tasks.debridement.agents.motions import MotionProblems, MotionRunner, NoMotion, TipGoal
+from trocar.tasks.debridement.agents.motions import MotionRunner, NoMotion, TipGoal
 from trocar.tasks.debridement.agents.observer import StereoObserver
-from trocar.tasks.debridement.agents.places import Grasp, Places, raised, turn_of
+from trocar.tasks.debridement.agents.places import Grasp, Places, raised
 from trocar.tasks.debridement.agents.settings import Settings
 
 TRIES, WAIT_S = 60, 0.25
@@ -26,20 +26,14 @@ meanwhile."""
 HIDDEN_TRIES = 8
 """It waits for this many looks (3 s) until its marks are visible. In that time the other arm passes, or it rests in
 front of them; then the fragment is left to that arm, which would otherwise stay where it hides the marks."""
-ENOUGH_PLACES = 6
-"""This many of several reachable places are tried, since the path to one may leave a joint's range."""
-RISE_SHARES = (1.0, 0.6, 0.3)
-"""Shares of the height by which an arm is to rise, if it cannot go that high."""
-FEW = 2
-"""If no other arm is in the way, it asks again only this many times, since estimates change only a little."""
+ENOUGH_PLACES = 6  # this many of several reachable places are tried, since the path to one may leave a joint's range
+RISE_SHARES = (1.0, 0.6, 0.3)  # shares of the height by which an arm is to rise, if it cannot go that high
+FEW = 2  # if no other arm is in the way, it asks again only this many times, since estimates change only a little
 LOW_M = 0.020
 """A tip lower than this over the work surface rises before moving elsewhere: open fingers end 9 mm below it."""
-WITHDRAWN_M = 0.006
-"""An arm that is too close to something rises by this, or moves aside as far."""
-ASKEW_RAD = 0.12
-"""In the last millimetres, a gripper is not turned again if its rotation is within this of the plan."""
-ARRIVED_HIGH_M = 6e-3
-"""Accuracy of heights in the air, where fragments are below the fingers."""
+WITHDRAWN_M = 0.006  # an arm that is too close to something rises by this, or moves aside as far
+ASKEW_RAD = 0.12  # in the last millimetres, a gripper is not turned again if its rotation is within this of the plan
+ARRIVED_HIGH_M = 6e-3  # accuracy of heights in the air, where fragments are below the fingers
 NEARER_M, IN_VAIN = 1e-3, 8
 """An arm gives up its goal after this many steps in a row, each of which brings it no closer than by this."""
 PRESSING_M, PRESSING = 2e-3, 2
@@ -47,21 +41,12 @@ PRESSING_M, PRESSING = 2e-3, 2
 neighbour. Further corrections would press until it slips away."""
 FIRST_SHARE = 0.5
 """The first descent is slower by this factor, because the change of kinematic errors with height is not known yet."""
-CLOSING_STEPS = 25
-"""A slow closing of the jaws consists of this many small steps."""
+CLOSING_STEPS = 25  # a slow closing of the jaws consists of this many small steps
 
-SEARCH_M = (
-    (0.0, 0.0, 0.0),
-    (0.0, 0.0, -0.02),
-    (-0.02, 0.0, -0.02),
-    (-0.04, 0.0, -0.02),
-    (-0.02, 0.02, -0.04),
-    (-0.02, -0.03, -0.02),
-    (0.0, -0.03, 0.0),
-    (-0.04, 0.03, 0.01),
-    (-0.02, 0.0, 0.03),
-    (0.02, 0.0, 0.0),
-)
+SEARCH_M = 0.01 * np.array([
+    [0, 0, 0], [0, 0, -2], [-2, 0, -2], [-4, 0, -2], [-2, 2, -4],
+    [-2, -3, -2], [0, -3, 0], [-4, 3, 1], [-2, 0, 3], [2, 0, 0],
+])  # fmt: skip
 """Displacements that an unseen arm tries, one after the other: down and towards the middle first (x), then across and
 up. Its true position is unknown; if it were low, it would be in the picture."""
 SHAKES, SHAKEN_RAD = 2, 2.0
@@ -77,40 +62,15 @@ floor, or grasp it. If one way does not help, another is tried."""
 WAYS = SHAKES + len(STROKES)
 
 
-class NotSeen(ArmStopped):
-    """No camera sees the gripper, wherever it is moved."""
-
-
 class RavenArm:
-    """Actions of one arm.
+    """Actions of one arm: it looks with an observer, plans and moves with a runner, and knows the places."""
 
-    Args:
-        problems: the laboratory and its obstacles.
-        name: of the arm.
-        observer: the camera.
-        runner: plans and moves.
-        places: where things are.
-        settings: of the method.
-    """
-
-    def __init__(
-        self,
-        problems: MotionProblems,
-        name: str,
-        observer: StereoObserver,
-        runner: MotionRunner,
-        places: Places,
-        settings: Settings,
-    ):
-        self.problems, self.cell, self.robot = problems, problems.cell, problems.robot
+    def __init__(self, name: str, observer: StereoObserver, runner: MotionRunner, places: Places, settings: Settings):
         self.name, self.observer, self.runner, self.places, self.s = name, observer, runner, places, settings
-        self.side = places.side(problems.cell.T_world_base_registered[name])
+        self.problems = runner.problems
+        self.cell, self.robot = self.problems.cell, self.problems.robot
+        self.model, self.side = self.cell.arms[name], places.side(self.cell.T_world_base_registered[name])
         self._been_down = False
-
-    @property
-    def model(self) -> ArmModel:
-        """Return the arm's model."""
-        return self.cell.arms[self.name]
 
     async def go(
         self,
@@ -122,14 +82,14 @@ class RavenArm:
         speed_m_s: float | None = None,
         lift_m: float = 0.0,
     ) -> None:
-        """Go somewhere in steps, planning again before each from the newest estimate (V-B).
+        """Bring the tip somewhere in steps, planning again before each from the newest estimate (V-B).
 
         Args:
             T_world_goal: of the tip.
             precise: whether the camera has to confirm that it is there.
-            straight: a short piece near a fragment.
-            beside_wall: a place beside the receptacle's wall, below its edge.
-            speed_m_s: of the tip; default: the method's.
+            straight: as in ``TipGoal``.
+            beside_wall: likewise.
+            speed_m_s: default: the method's.
             lift_m: the first step begins straight up by this height.
 
         Raises:
@@ -137,10 +97,8 @@ class RavenArm:
             ArmStopped: the arm does not move as commanded.
         """
         speed = speed_m_s or self.s.tip_speed_m_s
-        if precise:
-            aside_m, high_m = self.s.reached_m, self.s.reached_high_m
-        else:
-            aside_m, high_m = self.s.arrived_m, min(self.s.arrived_m, ARRIVED_HIGH_M)
+        air_m = self.s.arrived_m, min(self.s.arrived_m, ARRIVED_HIGH_M)
+        aside_m, high_m = (self.s.reached_m, self.s.reached_high_m) if precise else air_m
         visits, nearest_m, in_vain = 0, np.inf, 0
         while True:
             if lift_m > 0:
@@ -162,14 +120,12 @@ class RavenArm:
             if (off < [aside_m, aside_m, high_m]).all() or visits > self.s.max_visits:
                 return
             if in_vain == IN_VAIN:
-                raise self._no_motion(
-                    f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal", True
-                )
+                reason = f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal"
+                raise NoMotion(self.name, NoPlan(reason), lasting=True)
             high = float(T_world_tip.translation_m[2] - T_world_goal.translation_m[2])
             if precise and straight and in_vain >= PRESSING and high > PRESSING_M:
-                raise self._no_motion(
-                    f"the fingers of arm {self.name!r} stand on something {1e3 * high:.0f} mm over the grasp"
-                )
+                reason = f"the fingers of arm {self.name!r} stand on something {1e3 * high:.0f} mm over the grasp"
+                raise NoMotion(self.name, NoPlan(reason))
             if straight and (T_world_tip.rotation.inverse() @ T_world_goal.rotation).angle() < ASKEW_RAD:
                 T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
 
@@ -208,38 +164,29 @@ class RavenArm:
 
         No plan can begin there; the robot's guard lets arms that are too close move apart, but no closer.
         """
-        T_world_tip, aside = self.robot.T_world_tip(self.name), np.array([self.side, 0.0, 0.0])
-        up = np.array([0.0, 0.0, 1.0])
+        T_world_tip = self.robot.T_world_tip(self.name)
+        T_base_world = self.cell.T_world_base_registered[self.name].inverse()
+        aside, up = np.array([self.side, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
         ways = (aside, aside + up, up, -aside) if from_arm else (up, aside + up)
         for way in ways:
             goal = SE3.from_parts(T_world_tip.rotation, T_world_tip.translation_m + WITHDRAWN_M * way)
+            q = self.robot.setpoint(self.name).q
             try:
-                goal_q = ik(
-                    self.model,
-                    self.cell.T_world_base_registered[self.name].inverse() @ goal,
-                    reference=self.robot.setpoint(self.name).q,
-                )
-                motion = rest_to_rest(self.robot.setpoint(self.name).q, goal_q, self.model.motion_limits)
-                return await self.runner.run(self.name, motion)
+                goal_q = ik(self.model, T_base_world @ goal, reference=q)
+                return await self.runner.run(self.name, rest_to_rest(q, goal_q, self.model.motion_limits))
             except (NoMotion, OutOfReach):
                 continue
 
-    def _no_motion(self, reason: str, lasting: bool = False) -> NoMotion:
-        return NoMotion(self.name, NoPlan(reason), lasting=lasting)
-
     @property
     def turn_rad(self) -> float:
-        """Return the rotation of the gripper about the vertical."""
-        return turn_of(self.robot.T_world_tip(self.name))
+        """Return the rotation of the gripper, which points downwards, about the vertical."""
+        across = self.robot.T_world_tip(self.name).rotation.matrix[:, 0]
+        return float(np.arctan2(across[1], across[0]))
 
     @property
     def height_m(self) -> float:
         """Return how high in the world the tip is."""
         return float(self.robot.T_world_tip(self.name).translation_m[2])
-
-    def reachable(self, *poses: SE3) -> bool:
-        """Return whether all of these poses of the tip are within the joints' ranges."""
-        return all(self.robot.reaches(self.name, pose) for pose in poses)
 
     async def go_to_one(self, places: Sequence[SE3], lift_m: float = 0.0) -> None:
         """Go to the first of several places that is within reach, after rising straight up by this height.
@@ -247,13 +194,12 @@ class RavenArm:
         Raises:
             NoMotion: none is; or as ``go``.
         """
-        refusal = self._no_motion(f"no place of {len(places)} is within reach of arm {self.name!r}", lasting=True)
-        tried = 0
-        for place in places:
-            if tried == ENOUGH_PLACES or not self.reachable(place):  # according to the present estimate
-                continue
+        none = NoPlan(f"no place of {len(places)} is within reach of arm {self.name!r}")
+        refusal = NoMotion(self.name, none, lasting=True)
+        # each is within reach according to the estimate when its turn comes
+        reachable = (place for place in places if self.robot.reaches(self.name, place))
+        for place in islice(reachable, ENOUGH_PLACES):
             try:
-                tried += 1
                 return await self.go(place, lift_m=lift_m)
             except NoMotion as error:
                 if not error.lasting:
@@ -265,8 +211,8 @@ class RavenArm:
         """Return the first grasp that is within reach, with the path up after it."""
         for grasp in grasps:
             poses = grasp.T_world_above, grasp.T_world_grasp, raised(grasp.T_world_grasp, self.s.lift_m)
-            clear = partial(self.problems.clear, self.name, grasp.T_world_above, grasp.open_rad)
-            if self.reachable(*poses) and clear(beside_wall=True):
+            reachable = all(self.robot.reaches(self.name, pose) for pose in poses)
+            if reachable and self.problems.clear(self.name, grasp.T_world_above, grasp.open_rad, beside_wall=True):
                 return grasp
         return None
 
@@ -338,32 +284,27 @@ class RavenArm:
             await self.observer.track(self.name)
             with self.cell.log.span(self.name, "waiting"):
                 await self.cell.clock.sleep(WAIT_S)
-        raise self._no_motion("the marks on the gripper are hidden")
+        raise NoMotion(self.name, NoPlan("the marks on the gripper are hidden"))
 
     async def come_into_sight(self) -> None:
         """Get the gripper seen once, however wrong its kinematics are.
 
         Raises:
-            NotSeen: it is not seen anywhere.
+            ArmStopped: it is not seen anywhere.
         """
         T_world_start = self.robot.T_world_tip(self.name)
-        for x, y, z in SEARCH_M:
-            off = np.array([self.side * x, y, z])
-            goal = SE3.from_parts(T_world_start.rotation, T_world_start.translation_m + off)
+        for off in SEARCH_M:
+            goal = SE3.from_parts(T_world_start.rotation, T_world_start.translation_m + off * [self.side, 1, 1])
             with suppress(NoMotion):
                 await self.runner.step(self.name, TipGoal(goal, self.s.tip_speed_m_s, straight=True))
                 await self.settle()
                 await self.observer.observe(self.name)
             if self.robot.age_s(self.name) < np.inf:
                 return
-        raise NotSeen(self.name, f"no camera sees the gripper of arm {self.name!r}")
+        raise ArmStopped(self.name, f"no camera sees the gripper of arm {self.name!r}")
 
     async def shed(self, number: int) -> None:
-        """Try way ``number`` of ``WAYS`` to shake off a fragment that clings; then the jaws are wide open.
-
-        Args:
-            number: 0 and on, in shakes; then, over the floor of the receptacle, in strokes.
-        """
+        """Try way ``number`` of ``WAYS`` to get rid of a fragment that clings, shakes first; then open wide."""
         if number == 0:
             await together(partial(self.jaw, 0.0), partial(self.rise, SHAKEN_M))
         elif number < SHAKES:

@@ -13,48 +13,40 @@ from numpy.typing import NDArray
 
 from trocar.arms.instrument import FingerMarks
 from trocar.geometry import SE3, SO3
-from trocar.perception.color import HueRange
+from trocar.perception.color import HueRange, to_hsv
 from trocar.perception.depth import rays_through
 from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 from trocar.perception.stereo import triangulate
 
-FARTHEST_M = 0.6
-"""A mark farther away than this is too small to be trusted."""
+FARTHEST_M = 0.6  # a mark farther away than this is too small to be trusted
 NEAREST_M = 0.08
 MIN_SHARE = 0.12
 """Least share of a mark's disc at the greatest distance; smaller spots are noise, or slivers beside what hides the
 mark."""
-MAX_BLOBS = 4
-"""Maximum number of spots of one colour in one picture that are considered, the largest first."""
+MAX_BLOBS = 4  # maximum number of spots of one colour in one picture that are considered, the largest first
 MAX_MISS_M = 1.2e-3
 """Maximum distance by which the rays to one mark may miss each other; if half of a mark is hidden from one eye, it
 shifts this far."""
-SPACING_OFF_M = 2.5e-3
-"""Maximum error of the distance between a finger's two marks."""
+SPACING_OFF_M = 2.5e-3  # maximum error of the distance between a finger's two marks
 
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """A spot of one colour in one picture, or one half of it.
+    """A spot of one colour in one picture, or one half of it: two marks may look like one spot."""
 
-    Attributes:
-        middle_px: (2,) u, v of its centroid.
-        area_px: number of its pixels.
-        merged_px: (n, 2) pixels of the whole spot if this is one half of it: two marks may look like one spot.
-    """
-
-    middle_px: NDArray[np.float64]
-    area_px: float
-    merged_px: NDArray[np.float64] | None = None
+    middle_px: NDArray[np.float64]  # (2,) u, v of its centroid
+    area_px: float  # number of its pixels
+    merged_px: NDArray[np.float64] | None = None  # (n, 2) pixels of the whole spot if this is one half of it
 
 
 @dataclass(frozen=True, eq=False)
 class MarkPair:
-    """One mark in both eyes, and where it is: (3,) in the left camera's frame."""
+    """One mark in both eyes, where it is (3,) in the left camera's frame, and how far the rays to it miss."""
 
     left: Blob
     right: Blob
     point_m: NDArray[np.float64]
+    miss_m: float
 
 
 def find_blobs(hsv: NDArray[np.uint8], color: HueRange, lens: Intrinsics, marks: FingerMarks) -> list[Blob]:
@@ -85,26 +77,18 @@ def pair_blobs(rig: StereoRig, left: list[Blob], right: list[Blob], marks: Finge
 
     Two marks are two pairs of spots whose rays meet, at the known distance; one mark is a whole spot in both eyes.
     """
-    pairs, misses = [], []
+    pairs = []
     for one, other in product(left, right):
         point, miss = triangulate(rig, one.middle_px, other.middle_px)
         if miss <= MAX_MISS_M and NEAREST_M <= point[2] <= FARTHEST_M:
-            pairs.append(MarkPair(one, other, point))
-            misses.append(float(miss))
+            pairs.append(MarkPair(one, other, point, float(miss)))
     spacing = marks.along_m[1] - marks.along_m[0]
     couples = []
-    for a, b in combinations(range(len(pairs)), 2):
-        one, two = pairs[a], pairs[b]
-        if not (_apart(one.left, two.left) and _apart(one.right, two.right)):
-            continue
+    for one, two in combinations(pairs, 2):
         off = abs(float(np.linalg.norm(one.point_m - two.point_m)) - spacing)
-        if off <= SPACING_OFF_M:
-            couples.append((off + misses[a] + misses[b], [one, two]))
-    whole = [
-        (miss, [pair])
-        for miss, pair in zip(misses, pairs, strict=True)
-        if pair.left.merged_px is None and pair.right.merged_px is None
-    ]
+        if _apart(one.left, two.left) and _apart(one.right, two.right) and off <= SPACING_OFF_M:
+            couples.append((off + one.miss_m + two.miss_m, [one, two]))
+    whole = [(pair.miss_m, [pair]) for pair in pairs if pair.left.merged_px is None and pair.right.merged_px is None]
     options = [min(found, key=lambda option: option[0])[1] for found in (couples, whole) if found]
     return [*options, []]
 
@@ -126,68 +110,40 @@ def tip_from_finger(points_m: NDArray[np.float64], tip_length_m: float) -> NDArr
     return np.stack([y, -z, tip_length_m - x], -1)
 
 
-def mark_colors(marks: FingerMarks) -> tuple[HueRange, HueRange]:
-    """Return the colours of the left and the right finger's marks in a picture."""
-    return HueRange.around(marks.colors[0]), HueRange.around(marks.colors[1])
-
-
-def seen_blobs(
-    image: StereoImage, hsv: list[NDArray[np.uint8]], marks: FingerMarks
-) -> list[tuple[list[Blob], list[Blob]]]:
+def seen_blobs(image: StereoImage, marks: FingerMarks) -> list[tuple[list[Blob], list[Blob]]]:
     """Return for the left and the right finger the spots in the left and in the right picture."""
-    lenses = (image.rig.left, image.rig.right)
-    return [
-        (find_blobs(hsv[0], color, lenses[0], marks), find_blobs(hsv[1], color, lenses[1], marks))
-        for color in mark_colors(marks)
-    ]
+    eyes = [(to_hsv(image.left), image.rig.left), (to_hsv(image.right), image.rig.right)]
+    found = [[find_blobs(hsv, HueRange.around(color), lens, marks) for hsv, lens in eyes] for color in marks.colors]
+    return [(left, right) for left, right in found]
 
 
 JAW_GUESSES = np.radians(np.arange(0.0, 125.0, 15.0))
 JAW_RANGE = np.radians([-12.0, 135.0])
-MAX_ROUGH_M = 3e-3
-"""Maximum RMS distance of the marks from their places for a guess good enough to refine."""
+MAX_ROUGH_M = 3e-3  # maximum RMS distance of the marks from their places for a guess good enough to refine
 STEPS = 8
 STEP_DONE = 1e-6
-SPOT_SD_PX = 0.25
-"""Standard deviation of a spot's middle from which the uncertainty of a fit is computed."""
+SPOT_SD_PX = 0.25  # standard deviation of a spot's middle from which the uncertainty of a fit is computed
 
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """A mark as seen by one eye.
+    """A mark as seen by one eye."""
 
-    Attributes:
-        mark: its number, as in ``mark_points_m``.
-        right: whether the right eye saw it.
-        blob: the spot.
-        middle_px: (2,) u, v of the mark's middle: that of the spot, corrected for occlusion by the fingers.
-    """
-
-    mark: int
-    right: bool
-    blob: Blob
-    middle_px: NDArray[np.float64]
+    mark: int  # its number, as in ``mark_points_m``
+    right: bool  # whether the right eye saw it
+    blob: Blob  # the spot
+    middle_px: NDArray[np.float64]  # (2,) u, v of the spot, corrected for occlusion by the fingers
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A gripper that explains the spots.
-
-    Attributes:
-        T_camera_tip: pose in the left eye's frame.
-        jaw_rad: opening.
-        residual_px: root mean square of u and v.
-        sd_m: standard deviation of the place, in its worst direction.
-        sd_rad: likewise of the rotation.
-        marks: how many were used.
-    """
+    """A gripper that explains the spots: its pose in the left eye's frame, and its opening."""
 
     T_camera_tip: SE3
     jaw_rad: float
-    residual_px: float = np.inf
-    sd_m: float = np.inf
-    sd_rad: float = np.inf
-    marks: int = 0
+    residual_px: float = np.inf  # root mean square of u and v
+    sd_m: float = np.inf  # standard deviation of the place, in its worst direction
+    sd_rad: float = np.inf  # likewise of the rotation
 
 
 def rough_fit(named: Mapping[int, MarkPair], marks: FingerMarks, tip_length_m: float) -> Fit | None:
@@ -238,7 +194,7 @@ def fit_marks(spots: Sequence[Spot], rig: StereoRig, marks: FingerMarks, tip_len
     rms = float(np.sqrt(np.mean(residual**2)))
     covariance = np.linalg.pinv(full.T @ full) * (SPOT_SD_PX / rig.left.fx) ** 2
     sd_m, sd_rad = (float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (covariance[:3, :3], covariance[3:6, 3:6]))
-    return Fit(SE3.from_parts(SO3.unchecked(R), t), jaw, rms * rig.left.fx, sd_m, sd_rad, len(set(mark.tolist())))
+    return Fit(SE3.from_parts(SO3.unchecked(R), t), jaw, rms * rig.left.fx, sd_m, sd_rad)
 
 
 def _model(marks: FingerMarks, tip_length_m: float, jaw_rad: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,9 +1,10 @@
-"""Connected red pixels of one picture, and those of the other picture that show the same object."""
+"""Red objects in both pictures of a pair: paired, and cut where convex ones overlap."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -12,40 +13,34 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3
 from trocar.perception.image import StereoRig
 
-MIN_AREA_M2 = 3e-6
-"""Least visible area of a fragment, at the table; smaller spots are noise."""
-OVERLAP = 0.25
-"""Regions whose overlap is a larger share of the smaller one show the same object."""
+MIN_AREA_M2 = 3e-6  # least visible area of a fragment, at the table; smaller spots are noise
+OVERLAP = 0.25  # regions whose overlap is a larger share of the smaller one show the same object
 ROW_PX = 0.012
 """Maximum difference in rows between the middles of one object (when half hidden), as a share of the focal length."""
-HIGHEST_M = 0.15
-"""Maximum height above the table at which fragments are carried."""
+HIGHEST_M = 0.15  # maximum height above the table at which fragments are carried
+ACROSS = 0.15  # least distance along the outline between the ends of a cut, as a share of the outline's length
+CUT_PX = 2
 CLOSING = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """One object as seen by one eye.
+    """One object as seen by one eye."""
 
-    Attributes:
-        mask: (h, w) 255 where it is, in a rectangle of the picture.
-        corner_px: (u, v) of this rectangle's first pixel.
-        pieces: number of pieces in which it is seen.
-        middle_px: (2,) centroid u, v.
-        area_px: number of its pixels.
-    """
+    mask: NDArray[np.uint8]  # (h, w) 255 where it is, in a rectangle of the picture; not empty
+    corner_px: tuple[int, int]  # (u, v) of this rectangle's first pixel
+    pieces: int = 1  # number of pieces in which it is seen
 
-    mask: NDArray[np.uint8]
-    corner_px: tuple[int, int]
-    pieces: int
-    middle_px: NDArray[np.float64]
-    area_px: float
+    @cached_property
+    def middle_px(self) -> NDArray[np.float64]:
+        """Return its centroid (2,) u, v."""
+        v, u = np.nonzero(self.mask)
+        return np.array([u.mean(), v.mean()]) + self.corner_px
 
-    @staticmethod
-    def of_mask(mask: NDArray[np.uint8], corner_px: tuple[int, int], pieces: int = 1) -> Region:
-        """Return the region of a mask that is not empty."""
-        v, u = np.nonzero(mask)
-        return Region(mask, corner_px, pieces, np.array([u.mean(), v.mean()]) + corner_px, float(len(u)))
+    @cached_property
+    def area_px(self) -> float:
+        """Return the number of its pixels."""
+        return float(np.count_nonzero(self.mask))
 
     @property
     def hull_px(self) -> NDArray[np.float64]:
@@ -62,22 +57,15 @@ class Region:
             return self.middle_px
         return np.array([moments["m10"], moments["m01"]]) / moments["m00"] + self.corner_px
 
-    def mask_with(self, right: Region, disparity_px: float) -> Region:
+    def united(self, right: Region, disparity_px: float) -> Region:
         """Return the union of this left region and a right one shifted by a disparity."""
-        shifts = ((self, 0), (right, round(disparity_px)))
-        ends = [(region.corner_px[0] + shift, region.corner_px[1], region.mask) for region, shift in shifts]
-        u, v = min(end[0] for end in ends), min(end[1] for end in ends)
-        wide = max(end[0] + end[2].shape[1] for end in ends) - u
-        high = max(end[1] + end[2].shape[0] for end in ends) - v
-        mask = np.zeros((high, wide), dtype=np.uint8)
-        for left, top, part in ends:
-            mask[top - v : top - v + part.shape[0], left - u : left - u + part.shape[1]] |= part
-        return Region.of_mask(mask, (u, v), max(self.pieces, right.pieces))
-
-
-def region_of(mask: NDArray[np.uint8], corner_px: tuple[int, int]) -> Region | None:
-    """Return the region of a mask, or None if it is empty."""
-    return Region.of_mask(mask, corner_px) if mask.any() else None
+        (u0, v0), (u1, v1) = self.corner_px, (right.corner_px[0] + round(disparity_px), right.corner_px[1])
+        (high0, wide0), (high1, wide1) = self.mask.shape, right.mask.shape
+        u, v = min(u0, u1), min(v0, v1)
+        size = max(v0 + high0, v1 + high1) - v, max(u0 + wide0, u1 + wide1) - u
+        canvas = Region(np.zeros(size, np.uint8), (u, v))
+        mask = shifted_onto(canvas, self, 0) | shifted_onto(canvas, right, disparity_px)
+        return Region(mask, (u, v), max(self.pieces, right.pieces))
 
 
 def shifted_onto(base: Region, other: Region, disparity_px: float) -> NDArray[np.uint8]:
@@ -108,14 +96,8 @@ def group_regions(
 ) -> list[tuple[Region, Region]]:
     """Return the objects that both eyes of a rectified pair see.
 
-    Objects on the table appear at the same place once the right picture is shifted by the disparity of the table; this
-    joins the pieces of an object that is split in one eye. The rest is paired by rows, at greater heights.
-
-    Args:
-        masks: 255 at the red pixels of the left and the right picture.
-        rig: the rectified cameras.
-        T_table_camera: pose of the left one.
-        height_m: above the table, at which the pictures are superimposed.
+    Objects on the table appear at the same place once the right picture is shifted by the disparity of a height above
+    the table; this joins the pieces of an object that is split in one eye. The rest is paired by rows, further up.
     """
     least = MIN_AREA_M2 * rig.left.fx**2 / T_table_camera.translation_m[2] ** 2 / 2
     labels = [_labelled(mask, least) for mask in masks]
@@ -168,7 +150,7 @@ def _region(labels: NDArray[np.int32], numbers: Sequence[int]) -> Region:
     rows, columns = np.flatnonzero(here.any(1)), np.flatnonzero(here.any(0))
     v, u = int(rows[0]), int(columns[0])
     mask = np.where(here[v : rows[-1] + 1, u : columns[-1] + 1], 255, 0).astype(np.uint8)
-    return Region.of_mask(mask, (u, v), len(numbers))
+    return Region(mask, (u, v), len(numbers))
 
 
 def _paired_by_row(
@@ -197,3 +179,67 @@ def _paired_by_row(
             found.append((left, best))
             rest = [right for right in rest if right is not best]
     return found
+
+
+def split_convex(mask: NDArray[np.uint8], notch_px: float, least_px: float) -> list[NDArray[np.uint8]]:
+    """Return the parts of a mask (h, w), cut between its notches until each is roughly convex; 255 inside a part.
+
+    Convex objects whose outlines overlap leave notches where they meet. A cut goes from the deepest notch to the
+    nearest other one of similar depth, or straight across. Notches less deep than ``notch_px`` do not count, and no cut
+    leaves a part of less than ``least_px``.
+    """
+    parts: list[NDArray[np.uint8]] = []
+    rest = _pieces(mask, least_px)
+    while rest:
+        part = rest.pop()
+        cut = _cut(part, notch_px)
+        halves = [] if cut is None else _pieces(cut, least_px)
+        if len(halves) > 1:
+            # with the pixels that the cut removed
+            rest += [np.asarray(cv2.dilate(half, np.ones((3, 3), np.uint8)), np.uint8) & part for half in halves]
+        else:
+            parts.append(part)
+    return parts
+
+
+def solidity(mask: NDArray[np.uint8]) -> float:
+    """Return the share of its convex hull that a mask fills."""
+    v, u = np.nonzero(mask)
+    if len(u) < 3:
+        return 1.0
+    hull = np.zeros_like(mask)
+    cv2.fillConvexPoly(hull, cv2.convexHull(np.column_stack([u, v]).astype(np.int32)), 255)
+    return len(u) / max(1, int(np.count_nonzero(hull)))
+
+
+def _pieces(mask: NDArray[np.uint8], least_px: float) -> list[NDArray[np.uint8]]:
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    large = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= least_px]
+    return [np.where(labels == k, 255, 0).astype(np.uint8) for k in large]
+
+
+def _cut(mask: NDArray[np.uint8], notch_px: float) -> NDArray[np.uint8] | None:
+    """Return the mask with one cut through it, or None if it has no notch."""
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outline = max(contours, key=len)
+    hull = cv2.convexHull(outline, returnPoints=False)
+    if len(outline) < 8 or len(hull) < 4:
+        return None
+    defects = cv2.convexityDefects(outline, np.sort(hull, axis=0)[::-1])
+    if defects is None:
+        return None
+    defects = defects.reshape(-1, 4)
+    depth, place = defects[:, 3] / 256.0, defects[:, 2].astype(np.intp)
+    deepest = int(np.argmax(depth))
+    if depth[deepest] < notch_px:
+        return None
+    begin = int(place[deepest])
+    points = outline[:, 0].astype(np.float64)
+    steps = np.abs(np.arange(len(points)) - begin)
+    far = np.minimum(steps, len(points) - steps) >= ACROSS * len(points)
+    notches = place[(depth > 0.5 * depth[deepest]) & far[place]]
+    ends = notches if len(notches) else np.flatnonzero(far)
+    end = int(ends[np.argmin(np.linalg.norm(points[ends] - points[begin], axis=-1))])
+    cut = mask.copy()
+    cv2.line(cut, outline[begin, 0].tolist(), outline[end, 0].tolist(), 0, CUT_PX)
+    return cut

@@ -12,84 +12,20 @@ from rich.table import Table
 
 from trocar.eval import PaperRow, TaskReport, in_words, stopped
 from trocar.replay import Viewpoint
-from trocar.report import style
 from trocar.tasks.debridement.goals import FragmentOutcome
+from trocar.tasks.debridement.report.charts import draw_failures
 from trocar.tasks.debridement.report.figures import figures_of, row_of
-from trocar.tasks.debridement.report.table_one import MODES, PERSON, TABLE_1, table_one
+from trocar.tasks.debridement.report.table_one import PERSON, TABLE_1, table_one
 
 if TYPE_CHECKING:
     from trocar.eval.trial import Trial
 
-COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
-
-
-def draw_failures(ours: Sequence[tuple[str, str, Mapping[str, Any]]], path: Path) -> Path:
-    """Draw the rate of each failure mode with its 95 % interval, one panel for each number of arms; return the path.
-
-    Args:
-        ours: variant, method and figures of each condition.
-        path: of the picture.
-    """
-    variants = list(dict.fromkeys(variant for variant, _, _ in ours))
-    methods = list(dict.fromkeys(method for _, method, _ in ours))
-    with style.figure(4.6 * len(variants) + 1.6, 5.2, path) as figure:
-        grid = figure.subplots(1, len(variants), sharey=True, sharex=True, squeeze=False)[0]
-        at = np.arange(len(MODES), dtype=np.float64)
-        for axes, variant in zip(grid, variants, strict=True):
-            bars = [
-                (method, COLOURS[methods.index(method) % len(COLOURS)], [_ours(figures, mode) for mode in MODES])
-                for name, method, figures in ours
-                if name == variant
-            ]
-            published = [
-                (column.who.split(",")[0], colour, [(column.rate(mode), *column.interval(mode)) for mode in MODES])
-                for column, colour in ((TABLE_1[variant], style.INK), (PERSON, "#A9A9A9"))
-            ]
-            rows = [*((f"paper: {who}", colour, rates) for who, colour, rates in published), *bars]
-            height = 0.8 / len(rows)
-            for place, (label, colour, rates) in enumerate(rows):
-                y = at + (place - (len(rows) - 1) / 2) * height
-                rate, low, high = 100.0 * np.array(rates).T
-                axes.barh(y, rate, 0.9 * height, color=colour, label=label, alpha=0.85)
-                axes.errorbar(
-                    rate,
-                    y,
-                    xerr=[rate - low, high - rate],
-                    fmt=".",
-                    color=colour,
-                    capsize=2,
-                    linewidth=0.9,
-                    markersize=4,
-                )
-            axes.set_title(variant.replace("-", " "))
-            axes.set_xlabel("%, with 95 % interval")
-            axes.grid(axis="y", visible=False)
-        grid[0].set_yticks(at, list(MODES.values()))
-        grid[0].invert_yaxis()
-        grid[0].set_xlim(left=0.0)
-        handles = {
-            label: handle for axes in grid for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=len(handles))
-    return path
-
-
-def _ours(figures: Mapping[str, Any], mode: str) -> tuple[float, float, float]:
-    rate = figures["failure_modes"][mode]
-    if rate["rate"] is None:
-        return np.nan, np.nan, np.nan
-    low, high = rate["ci95"]
-    return rate["rate"], low, high
-
-
 ROOM_M, ABOVE_M = 0.012, 0.035
 """Margin round a fragment, and above it and the receptacle's floor, in a picture's frame."""
 
-MAX_FAILURES = 3
-"""Maximum number of failures noted by a script that get a picture."""
+MAX_FAILURES = 3  # maximum number of failures noted by a script that get a picture
 
-APART_S = 0.5
-"""Anything earlier than this looks like the start."""
+APART_S = 0.5  # anything earlier than this looks like the start
 
 STEPS = {"closing": "jaws open round it", "pickup": "lifted, and looked at", "releasing": "over the receptacle"}
 """Events of the first grasp, in order, with their captions."""
@@ -123,14 +59,9 @@ class DebridementReport(TaskReport):
         middle = trial.scenery.T_world_body["receptacle"].translation_m
         lay = [array[0, :3].astype(np.float64) for name, array in trial.arrays.items() if name.startswith("body_")]
         places = [(middle, half), *((p, np.full(3, ROOM_M)) for p in lay)]
-        corners = np.stack(np.meshgrid((-1.0, 1.0), (-1.0, 1.0)), axis=-1).reshape(-1, 2)
-        return np.concatenate(
-            [
-                middle + np.column_stack([corners * half[:2], np.full(4, height)])
-                for middle, half in places
-                for height in (0.0, ABOVE_M)
-            ]
-        )
+        corners = np.array([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)])
+        tops = [(p, corners * half[:2], z) for p, half in places for z in (0.0, ABOVE_M)]
+        return np.concatenate([p + np.column_stack([flat, np.full(4, z)]) for p, flat, z in tops])
 
     def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
         """Return how often jaws closed for it, and how many failures were recovered."""
@@ -159,12 +90,8 @@ class DebridementReport(TaskReport):
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
         """Return the columns of Table I for this number of arms and for the person; both cleared all (VI-A)."""
-        columns = (TABLE_1[summary["variant"]], PERSON)
-        ours = ((str(summary["method"]),), ())
-        return [
-            PaperRow(c.who, c.s_per_fragment, c.fragments, c.fragments, methods)
-            for c, methods in zip(columns, ours, strict=True)
-        ]
+        columns = ((TABLE_1[summary["variant"]], (str(summary["method"]),)), (PERSON, ()))
+        return [PaperRow(c.who, c.s_per_fragment, c.fragments, c.fragments, methods) for c, methods in columns]
 
     def tables(self, summary: Mapping[str, Any]) -> list[Table]:
         """Return Table I."""
@@ -184,10 +111,10 @@ def _first_grasp(trial: Trial) -> list[tuple[str, float]]:
     arm, since_s = given["arm"], given["time_s"]
     found = [(f"{arm} goes for a fragment", since_s)]
     for name, words in STEPS.items():
-        mine = (e for e in trial.events if e["name"] == name and e.get("arm") == arm and e["time_s"] >= since_s)
-        event = next(mine, None)
-        if event is None:
+        later = (e["time_s"] for e in trial.events if e["name"] == name and e.get("arm") == arm)
+        at_s = next((time_s for time_s in later if time_s >= since_s), None)
+        if at_s is None:
             break
-        since_s = event["time_s"]
-        found.append((f"{arm}: {words}", since_s))
+        since_s = at_s
+        found.append((f"{arm}: {words}", at_s))
     return found

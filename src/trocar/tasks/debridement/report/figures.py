@@ -32,43 +32,24 @@ OF_FRAGMENTS = ("fragment_false_negatives", "fragment_false_positives")
 
 @dataclass(frozen=True)
 class Row:
-    """One trial.
+    """One trial."""
 
-    Attributes:
-        fingerprint: of its run.
-        session: number.
-        index: of the trial in its session.
-        fragments: their number.
-        cleared: how many were cleared.
-        first_attempts: fragments that were cleared at the first attempt, without any failure on the way.
-        attempts: closings of jaws, at all fragments.
-        recoveries: failures of grasping or movement after which the fragment was still cleared.
-        duration_s: of the whole trial.
-        parts_s: by part of Table I, mean of the working arms; they add up to the duration.
-        plans: requested by all arms.
-        modes: for each failure mode, how often it occurred, and out of how many fragments or attempts.
-        collisions: contacts of arms with the receptacle, the table and each other.
-        ended: ``done``, or what stopped the script.
-        failures: names of the outcomes of fragments that were not cleared, with their number.
-        wall_s: real time of the trial; 0 if it was lost.
-    """
-
-    fingerprint: str
-    session: int
-    index: int
-    fragments: int
-    cleared: int
-    first_attempts: int
-    attempts: int
-    recoveries: int
-    duration_s: float
-    parts_s: dict[str, float]
-    plans: int
-    modes: dict[str, list[int]]
-    collisions: int
-    ended: str
-    failures: dict[str, int]
-    wall_s: float
+    fingerprint: str  # of its run
+    session: int  # number
+    index: int  # of the trial in its session
+    fragments: int  # their number
+    cleared: int  # how many were cleared
+    first_attempts: int  # how many at the first attempt, without any failure on the way
+    attempts: int  # closings of jaws, at all fragments
+    recoveries: int  # failures of grasping or movement after which the fragment was still cleared
+    duration_s: float  # of the whole trial
+    parts_s: dict[str, float]  # by part of Table I, mean of the working arms; they add up to the duration
+    plans: int  # requested by all arms
+    modes: dict[str, list[int]]  # how often each failure mode occurred, and out of how many fragments or attempts
+    collisions: int  # contacts of arms with the receptacle, the table and each other
+    ended: str  # ``done``, or what stopped the script
+    failures: dict[str, int]  # names of the outcomes of fragments that were not cleared, with their number
+    wall_s: float  # real time of the trial; 0 if it was lost
 
 
 def row_of(trial: Trial) -> Row:
@@ -120,9 +101,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
     cleared = sum(row.cleared for row in rows)
     seconds = {part: sum(row.parts_s[part] for row in rows) for part in PARTS}
     total_s = sum(seconds.values())
-    failures: Counter[str] = Counter()
-    for row in rows:
-        failures.update(row.failures)
+    failures = sum((Counter(row.failures) for row in rows), Counter[str]())
     return {
         "fragments": sum(row.fragments for row in rows),
         "cleared": cleared,
@@ -131,7 +110,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
         "table_parts_s": {part: s / cleared if cleared else None for part, s in seconds.items()},
         "table_parts_share": {part: s / total_s if total_s else None for part, s in seconds.items()},
         "replans_per_fragment": _per_fragment(rows, lambda row: float(row.plans)),
-        "failure_modes": {mode: rate_of(rows, _mode(mode)) for mode in MODES},
+        "failure_modes": {mode: rate_of(rows, lambda row, mode=mode: row.modes[mode]) for mode in MODES},
         "first_attempt": rate_of(rows, lambda row: (row.first_attempts, row.fragments)),
         "attempts": sum(row.attempts for row in rows),
         "recoveries": sum(row.recoveries for row in rows),
@@ -143,12 +122,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def rate_of(rows: Sequence[Row], counts: Callable[[Row], Sequence[int]]) -> dict[str, Any]:
-    """Return a rate with its interval over sessions.
-
-    Args:
-        rows: of trials.
-        counts: how often something occurred in a trial, and out of how many.
-    """
+    """Return a rate, of how often something occurred in each trial and out of how many, with its interval."""
     pairs = [np.sum(values, axis=0) for values in by_session(rows, counts).values()]
     count, of = (int(sum(pair[k] for pair in pairs)) for k in (0, 1))
     return {
@@ -157,10 +131,6 @@ def rate_of(rows: Sequence[Row], counts: Callable[[Row], Sequence[int]]) -> dict
         "rate": count / of if of else None,
         "ci95": list(session_interval(*([int(pair[k]) for pair in pairs] for k in (0, 1)))),
     }
-
-
-def _mode(mode: str) -> Callable[[Row], Sequence[int]]:
-    return lambda row: row.modes[mode]
 
 
 def _per_fragment(rows: Sequence[Row], value: Callable[[Row], float]) -> dict[str, Any] | None:

@@ -11,18 +11,10 @@ from trocar.counting import counted
 from trocar.eval.comparison import ratio_of_ratios
 from trocar.eval.study import Results, RowKind, TableData, TaskStudy
 from trocar.report.tables import figure
-from trocar.tasks.debridement.report import ASSUMED, draw_failures
+from trocar.tasks.debridement.report import ASSUMED
+from trocar.tasks.debridement.report.charts import draw_failures, draw_times
 from trocar.tasks.debridement.report.figures import Row, figures_of, row_of
-from trocar.tasks.debridement.report.table_one import (
-    MODES,
-    SPEEDUP,
-    TABLE_1,
-    estimated,
-    head_of,
-    lines_of,
-    within,
-)
-from trocar.tasks.debridement.report.times import draw_times
+from trocar.tasks.debridement.report.table_one import HEAD, MODES, SPEEDUP, TABLE_1, estimated, lines_of, within
 
 
 class DebridementStudy(TaskStudy[Row]):
@@ -69,7 +61,7 @@ class DebridementStudy(TaskStudy[Row]):
         for cell in summary["cells"]:
             what = f"Table I, {cell['variant'].replace('-', ' ')}, {cell['method']}"
             title = f"{what}: {counted(cell['trials'], 'trial')} in {counted(cell['sessions'], 'session')}"
-            tables.append(TableData(title, head_of([cell["variant"]]), lines_of({cell["variant"]: cell})))
+            tables.append(TableData(title, HEAD, lines_of(cell["variant"], cell)))
         if summary["speedups"]:
             lines = [
                 (one["method"], str(one["sessions"]), estimated(one["one_over_two"], 2), figure(one["paper"]))
@@ -95,16 +87,12 @@ def speedups(results: Sequence[Results[Row]]) -> list[dict[str, Any]]:
     found = []
     for method in one:
         if method in two:
-            first, second = (each[method].by_session(_seconds_and_fragments) for each in (one, two))
+            first, second = (by[method].by_session(lambda row: (row.duration_s, row.cleared)) for by in (one, two))
             ratio = ratio_of_ratios(first, second)
             sessions = len(first.keys() & second.keys())
             estimate = asdict(ratio) if ratio else None
             found.append({"method": method, "sessions": sessions, "one_over_two": estimate, "paper": SPEEDUP})
     return found
-
-
-def _seconds_and_fragments(row: Row) -> tuple[float, float]:
-    return row.duration_s, float(row.cleared)
 
 
 def left_behind(cells: Sequence[Mapping[str, Any]]) -> list[str]:

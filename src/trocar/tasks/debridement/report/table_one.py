@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,8 +12,7 @@ from scipy.stats import beta
 
 from trocar.report.tables import figure
 
-PARTS = ("perception", "planning", "motion", "waiting")
-"""The parts of the time per fragment in Table I."""
+PARTS = ("perception", "planning", "motion", "waiting")  # the parts of the time per fragment in Table I
 
 MODES = {
     "fragment_false_negatives": "fragment false negative",
@@ -33,23 +32,14 @@ TAIL = 0.025
 
 @dataclass(frozen=True)
 class Column:
-    """One column of Table I.
+    """One column of Table I."""
 
-    Attributes:
-        who: the condition.
-        fragments: in all trials; all were cleared (VI-A).
-        s_per_fragment: average time per fragment.
-        shares: of that time, in %, by part.
-        replans: average number of replanning steps per fragment; None if nothing was planned.
-        failures: rate of each mode that occurred, in %.
-    """
-
-    who: str
-    fragments: int
-    s_per_fragment: float
-    shares: dict[str, float] = field(default_factory=dict)
-    replans: float | None = None
-    failures: dict[str, float] = field(default_factory=dict)
+    who: str  # the condition
+    fragments: int  # in all trials; all were cleared (VI-A)
+    s_per_fragment: float  # average time per fragment
+    shares: dict[str, float] = field(default_factory=dict)  # of that time, in %, by part
+    replans: float | None = None  # average per fragment; None if nothing was planned
+    failures: dict[str, float] = field(default_factory=dict)  # rate of each mode that occurred, in %
 
     @property
     def parts_s(self) -> dict[str, float]:
@@ -97,43 +87,27 @@ TABLE_1 = {
 }
 """The robot's columns, by variant of the task."""
 
-SPEEDUP = 1.5
-"""The two-arm system was faster than the one-arm system by this factor on average (VI-A)."""
+SPEEDUP = 1.5  # the two-arm system was faster than the one-arm system by this factor on average (VI-A)
+
+HEAD = ("", "person", "paper", "ours", "within")
 
 
-Figures = Mapping[str, Any]
-
-
-def head_of(variants: Sequence[str]) -> list[str]:
-    """Return the column headers: a person, then for each variant the paper's, ours, and whether they agree."""
-    columns = ["", "person"]
-    for variant in variants:
-        words = f"{variant.replace('-', ' ')}, " if len(variants) > 1 else ""
-        columns += [f"{words}paper", f"{words}ours", "within"]
-    return columns
-
-
-def lines_of(ours: Mapping[str, Figures]) -> list[list[str]]:
-    """Return the lines of Table I.
-
-    Args:
-        ours: figures by variant.
-    """
+def lines_of(variant: str, ours: Mapping[str, Any]) -> list[list[str]]:
+    """Return the lines of Table I: name, the person's figure, the robot's, ours, and whether our rate agrees."""
+    paper, seconds = TABLE_1[variant], ours["s_per_fragment"]
     return [
-        _line("fragments", ours, lambda c: str(c.fragments), lambda f: f"{f['cleared']} of {f['fragments']}"),
-        _line("s per fragment", ours, lambda c: f"{c.s_per_fragment:.1f}", lambda f: estimated(f["s_per_fragment"], 1)),
-        *(_line(f"{part}, %", ours, _share(part), _our_share(part)) for part in PARTS),
-        _line(
-            "replans per fragment", ours, lambda c: figure(c.replans), lambda f: estimated(f["replans_per_fragment"], 1)
-        ),
-        *(_failure_line(mode, ours) for mode in MODES),
-        _own("at the first attempt, %", ours, lambda f: rated(f["first_attempt"])),
-        _own("contacts a trial", ours, lambda f: estimated(f["contacts_per_trial"], 1)),
-        _own("recoveries", ours, lambda f: str(f["recoveries"])),
+        ["fragments", str(PERSON.fragments), str(paper.fragments), f"{ours['cleared']} of {ours['fragments']}", ""],
+        ["s per fragment", *map(_tenths, (PERSON.s_per_fragment, paper.s_per_fragment)), estimated(seconds, 1), ""],
+        *([f"{part}, %", "-", _tenths(paper.shares.get(part)), _share(ours, part), ""] for part in PARTS),
+        ["replans per fragment", "-", figure(paper.replans), estimated(ours["replans_per_fragment"], 1), ""],
+        *(_failure_line(variant, mode, ours) for mode in MODES),
+        ["at the first attempt, %", "", "", rated(ours["first_attempt"]), ""],
+        ["contacts a trial", "", "", estimated(ours["contacts_per_trial"], 1), ""],
+        ["recoveries", "", "", str(ours["recoveries"]), ""],
     ]
 
 
-def table_one(variant: str, ours: Figures, title: str) -> Table:
+def table_one(variant: str, ours: Mapping[str, Any], title: str) -> Table:
     """Return Table I of one variant, to be printed in 80 columns."""
     table = Table(
         box=box.SIMPLE_HEAD,
@@ -143,9 +117,9 @@ def table_one(variant: str, ours: Figures, title: str) -> Table:
         caption="ours simulated, 95 % intervals count sessions; paper and person: Table I as published, rates with "
         "Clopper-Pearson intervals of its fragments; within: our rate lies in the paper's",
     )
-    for place, name in enumerate(head_of([variant])):
-        table.add_column(name, justify="right" if place else "left", no_wrap=True)
-    for line in lines_of({variant: ours}):
+    for name in HEAD:
+        table.add_column(name, justify="right" if name else "left", no_wrap=True)
+    for line in lines_of(variant, ours):
         table.add_row(*line)
     return table
 
@@ -166,8 +140,8 @@ def rated(rate: Mapping[str, Any]) -> str:
     return f"{100 * rate['rate']:.1f} [{100 * low:.0f}, {100 * high:.0f}] {rate['count']}/{rate['of']}"
 
 
-def within(variant: str, mode: str, ours: Figures) -> str:
-    """Return whether our rate of a failure mode lies in the interval of the paper's: ``yes``, ``below`` or ``above``.
+def within(variant: str, mode: str, ours: Mapping[str, Any]) -> str:
+    """Return ``yes`` if our rate of a failure mode lies in the interval of the paper's, else ``below`` or ``above``.
 
     A dash where nothing was counted.
     """
@@ -178,42 +152,23 @@ def within(variant: str, mode: str, ours: Figures) -> str:
     return "below" if rate < low else "above" if rate > high else "yes"
 
 
-def _failure_line(mode: str, ours: Mapping[str, Figures]) -> list[str]:
-    line = [f"{MODES[mode]}, %", f"{PERSON.failures.get(mode, 0.0):.1f}"]
-    for variant, figures in ours.items():
-        low, high = TABLE_1[variant].interval(mode)
-        paper = f"{100 * TABLE_1[variant].rate(mode):.1f} [{100 * low:.1f}, {100 * high:.1f}]"
-        line += [paper, rated(figures["failure_modes"][mode]), within(variant, mode, figures)]
-    return line
+def _failure_line(variant: str, mode: str, ours: Mapping[str, Any]) -> list[str]:
+    paper = TABLE_1[variant]
+    low, high = paper.interval(mode)
+    return [
+        f"{MODES[mode]}, %",
+        f"{100 * PERSON.rate(mode):.1f}",
+        f"{100 * paper.rate(mode):.1f} [{100 * low:.1f}, {100 * high:.1f}]",
+        rated(ours["failure_modes"][mode]),
+        within(variant, mode, ours),
+    ]
 
 
-def _line(
-    what: str, ours: Mapping[str, Figures], theirs: Callable[[Column], str], mine: Callable[[Figures], str]
-) -> list[str]:
-    """Return a line for which Table I also has figures."""
-    line = [what, theirs(PERSON)]
-    for variant, figures in ours.items():
-        line += [theirs(TABLE_1[variant]), mine(figures), ""]
-    return line
+def _tenths(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
 
 
-def _own(what: str, ours: Mapping[str, Figures], mine: Callable[[Figures], str]) -> list[str]:
-    """Return a line for which Table I has no figures."""
-    line = [what, ""]
-    for figures in ours.values():
-        line += ["", mine(figures), ""]
-    return line
-
-
-def _share(part: str) -> Callable[[Column], str]:
-    return lambda column: f"{column.shares[part]:.1f}" if part in column.shares else "-"
-
-
-def _our_share(part: str) -> Callable[[Figures], str]:
-    def text(figures: Figures) -> str:
-        share, seconds = figures["table_parts_share"][part], figures["table_parts_s"][part]
-        if share is None:
-            return "-"
-        return f"{100 * share:.1f}" if seconds is None else f"{100 * share:.1f} ({seconds:.1f} s)"
-
-    return text
+def _share(ours: Mapping[str, Any], part: str) -> str:
+    share, seconds = ours["table_parts_share"][part], ours["table_parts_s"][part]
+    text = _tenths(None if share is None else 100 * share)
+    return text if seconds is None else f"{text} ({seconds:.1f} s)"

@@ -1,10 +1,29 @@
-"""Agents of the peg transfer: one for each variant."""
+"""Agents of the peg transfer, one for each variant, and how they work."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.eval import Agent, AgentContext
 from trocar.registry import Lazy
+from trocar.robots.coordinator import Margins
+from trocar.tasks.peg_transfer.grasps import DEPTH_M
 
+GRASP_RULES = (
+    (True, 0.15e-3, np.radians(70.0)),
+    (True, 0.15e-3, np.radians(110.0)),
+    (False, 0.15e-3, np.radians(70.0)),
+    (False, 0.15e-3, np.radians(110.0)),
+    (True, -0.6e-3, np.radians(110.0)),
+    (False, -0.6e-3, np.radians(110.0)),
+)
+"""Rules for grasps, tried in turn: whether only walls on the arm's own side will do, least gap (m) round the open
+fingers, largest roll. Walls on its own side are preferred for a block to be handed over, since held there it leaves
+room for the other arm; else these rules are left out. With a gap below zero a finger must slide off the peg's round end
+or push the block aside."""
 AGENTS = {
     "unilateral": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Unilateral"),
     "bilateral": Lazy("trocar.tasks.peg_transfer.agents.two_arms:Bilateral"),
@@ -15,3 +34,83 @@ AGENTS = {
 def agent_of(context: AgentContext) -> Agent:
     """Return the agent of the variant that a context is about."""
     return AGENTS[context.nominal.variant].load()(context)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the agents work; lengths in m, angles in rad, times on the cell's clock in s."""
+
+    # What computations declare, and how long an arm rests after a motion before the jaws act.
+    perception_budget_s: float = 0.098  # for finding a block and planning its grasp (paper)
+    survey_budget_s: float = 0.25  # for registering the board, and for the last look at all blocks
+    planning_budget_s: float = 0.103  # for planning a motion (paper)
+    traffic_budget_s: float = 0.02  # for checking a motion against what the other arm does
+    sighting_budget_s: float = 0.12  # for finding the wrist in an image (``bench_sighting.py``)
+    fit_budget_s: float = 0.6  # for fitting the cables on all looks
+    settle_s: float = 0.06
+
+    # Jaws. Round a wall in the other arm's jaws: of 107 tries with a true opening below .31, 10 ended on top of the
+    # wall; of 217 with more than .33, 3. Jaws that close further than ``jaw_empty_rad`` hold nothing, or a block by too
+    # little: on a wall they stall at .17 to .27, and what they held at .12 was lost on the way.
+    jaw_open_rad: float = 0.40  # widest opening round the wall of a block, against the clearance in its hole
+    release_rad: float = 0.32  # least opening there, and with which an arm leaves a block that the other also holds
+    taking_rad: float = 0.36  # opening of jaws that approach a block in the other arm's jaws
+    jaw_closed_rad: float = -0.17  # target that lets the drive press
+    jaw_empty_rad: float = 0.15
+
+    # Where the tip goes.
+    depth_m: float = DEPTH_M  # under the block's top face
+    clear_height_m: float = 27e-3  # over the plate when it travels empty; the pegs are 20 mm tall
+    lift_m: float = 26e-3  # how far a held block is raised: its lower face clears the pegs
+    drop_m: float = 2e-3  # height of a block's lower face over the plate when it is released
+    limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])  # of velocity and acceleration
+
+    # Looking, learning and trying again. Wrist joints that keep still while the tip goes straight down or up keep the
+    # errors of their cables; else the tool does not turn. In a handover, blocks are lifted and placed like that only by
+    # arms that look before placing: the receiving arm holds the block at any angle; turning it further costs clearance.
+    fixed_wrist: bool = False
+    looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest
+    looks_before_placing: bool = False  # stop over the target, look how the block hangs in the jaws, lower it like that
+    looks: int = 5  # how often an arm looks for a block that the other arm may hide
+    teaching_looks: int = 0  # looks at its own wrist before the first transfer; 0: it does not learn its cables
+    retries: int = 1  # how often a failed pick is tried again
+
+    # Two arms. They meet 11 mm above the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
+    margin_m: float = 4e-3  # kept between two arms, and between what they hold
+    min_margin_m: float = 2e-3  # the same for an arm that would otherwise be stuck
+    meeting_margin_m: float = 1.3e-3  # kept between two arms that hold one block
+    meeting_m: tuple[float, float, float] = (-2.5e-3, 0.0, 37e-3)  # middle of the lower face of a block handed over
+    waits_above_m: float = 13e-3  # height of the receiving arm over its grasp, before it comes down (facts)
+    parts_m: float = 10e-3  # how far the giving arm rises before it goes away (facts)
+    patience_s: float = 3.0  # an arm that could not move for this long does something else
+    pace_s: float = 1.5  # how long one arm waits for the other to come as far
+    detours: int = 2  # how often it then gives way and tries again, before it gives its transfer up
+    rounds: int = 2  # how often a transfer blocked by the other arm is tried
+
+    @property
+    def margins(self) -> Margins:
+        """Return what the coordinator keeps between the arms."""
+        return Margins(self.margin_m, self.min_margin_m, self.patience_s, self.traffic_budget_s)
+
+
+def compensated() -> Settings:
+    """Return the settings of arms with compensated cables, whose remaining errors come mostly from a turning wrist."""
+    return Settings(fixed_wrist=True)
+
+
+def patient() -> Settings:
+    """Return the settings for the paper's SQP, which takes .3 s per motion, at times .4 s (``bench_planning.py``)."""
+    return Settings(planning_budget_s=0.4, fixed_wrist=True)
+
+
+def quick() -> Settings:
+    """Return the settings that declare the time of our own computations: their p95 on one shared core.
+
+    A run reports if a machine needs longer (``missed_budgets``).
+    """
+    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, fixed_wrist=True)
+
+
+def learning() -> Settings:
+    """Return the settings of arms that learn their cables while they work."""
+    return Settings(teaching_looks=36, fixed_wrist=True, looks_before_placing=True)

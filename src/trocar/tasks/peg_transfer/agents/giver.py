@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
-import numpy as np
 import trio
 
 from trocar.geometry import SE3
@@ -13,26 +12,15 @@ from trocar.motion import TimedPath
 from trocar.robots import TICK_S
 from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
-from trocar.tasks.peg_transfer.agents.meeting import Offer, choose_offer
+from trocar.tasks.peg_transfer.agents.meeting import ASIDE_M, HandoverState, Offer, Side
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, Seen
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
 
-
-@dataclass(frozen=True, eq=False)
-class Offering:
-    """A motion that offers a block.
-
-    Attributes:
-        path: lift, and on to where it is handed over.
-        offer: the pose there.
-    """
-
-    path: TimedPath
-    offer: Offer
+HELD_RAD = 0.20
+"""Expected opening of jaws that have closed on a wall, before they have."""
 
 
 class Giver(Side):
@@ -40,10 +28,12 @@ class Giver(Side):
 
     def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
         super().__init__(arm, other, script)
-        self._offering: Pending[Offering] = Pending()
+        self._offering: Pending[tuple[TimedPath, Offer]] = Pending()
 
     async def give(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
-        """Do this arm's part of a handover; ``following`` is its next one, if that follows immediately."""
+        """Do this arm's part of a handover; ``following`` is the next one, in which it may give again."""
+        if following is not None and following.giver != self.arm.name:
+            following = None
         meeting.start_s = self.cell.clock.now_s()
         self.arm.hands_over = True
         source = meeting.goal.source
@@ -81,31 +71,25 @@ class Giver(Side):
         q = end_of(approach.path)
         T_tip_block = self.arm.motions.gripped(q, block)
 
-        async def plan() -> Offering | None:
-            found = partial(self._find_offering, q, T_tip_block, meeting.goal.source, self.settings.held_rad)
+        async def plan() -> tuple[TimedPath, Offer] | None:
+            found = partial(self._find_offering, q, T_tip_block, meeting.goal.source, HELD_RAD)
             offering = await self.arm.plan(found)
             if offering is not None:
-                meeting.announce(offering.offer.T_board_tip, T_tip_block)
+                meeting.announce(offering[1].T_board_tip, T_tip_block)
             return offering
 
         self._offering.start(helpers, plan)
 
-    def _find_offering(self, q: Joints, T_tip_block: SE3, source: int, held_rad: float) -> Offering | None:
-        giver, receiver = (replace(partner, held_rad=held_rad) for partner in self.partners(self.arm, self.other))
-        offer = choose_offer(
-            giver,
-            receiver,
-            self.table.T_world_board,
-            self.arm.motions.tip(q),
-            T_tip_block,
-            self.table.block,
-            np.array(self.settings.meeting_m),
-            self.ways(),
-        )
+    def _find_offering(
+        self, q: Joints, T_tip_block: SE3, source: int, held_rad: float | None = None
+    ) -> tuple[TimedPath, Offer] | None:
+        """Return how to lift a block and bring it to where it is handed over, and the pose there."""
+        geometry, motions = self.geometry(self.arm, self.other, held_rad), self.arm.motions
+        offer = geometry.choose_offer(motions.tip(q), T_tip_block)
         if isinstance(offer, str):
             self.cell.log.event("no place", reason=offer)
             return None
-        return Offering(self.arm.motions.offering(q, T_tip_block, source, offer.T_board_tip), offer)
+        return motions.offering(q, T_tip_block, source, offer.T_board_tip), offer
 
     async def _offer(
         self, meeting: HandoverState, T_tip_block: SE3, following: HandoverState | None, helpers: trio.Nursery
@@ -113,18 +97,15 @@ class Giver(Side):
         """Lift a block and bring it to the handover; on the way, look at the next one."""
         hand = self.arm.hand
         ready = await self._offering.take()
-        if ready is None or not starts_at(ready.path, hand.q):
-            source = meeting.goal.source
-            ready = await self.arm.plan(lambda: self._find_offering(hand.q, T_tip_block, source, hand.jaw_rad))
+        if ready is None or not starts_at(ready[0], hand.q):
+            ready = await self.arm.plan(lambda: self._find_offering(hand.q, T_tip_block, meeting.goal.source))
         if ready is None:
             return False
-        path, offer = ready.path, ready.offer
+        path, offer = ready
 
         def begun() -> None:
             meeting.announce(offer.T_board_tip, T_tip_block)
-            if self.settings.looks_ahead and following is not None:
-                look = partial(self.script.look_ahead, path, following.goal.source, self.settings.parts_m)
-                self.script.seen.start(helpers, look)
+            self.script.look_ahead(helpers, path, following and following.goal, self.settings.parts_m)
 
         for waits in (False, True):
             try:
@@ -152,7 +133,7 @@ class Giver(Side):
         finally:
             meeting.parted.set()
         try:
-            await self.arm.shift((self.own_side * self.settings.aside_m, 0.0, 0.0), self.settings.meeting_margin_m)
+            await self.arm.shift((self.own_side * ASIDE_M, 0.0, 0.0), self.settings.meeting_margin_m)
         except Blocked:
             await self.arm.give_way()
 

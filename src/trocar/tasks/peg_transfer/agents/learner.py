@@ -52,11 +52,7 @@ async def learning(arms: Sequence[PegArm]) -> AsyncIterator[None]:
 
 
 class Learner:
-    """One arm's looks at its wrist.
-
-    Args:
-        arm: the arm's actions.
-        nursery: in which cables are fitted while the arm goes on.
+    """One arm's looks at its wrist; cables are fitted in the nursery while the arm goes on.
 
     Raises:
         InvalidInput: the robot does not learn.
@@ -65,9 +61,8 @@ class Learner:
     def __init__(self, arm: PegArm, nursery: trio.Nursery):
         robot = arm.cell.robot
         if not isinstance(robot, Adaptive):
-            raise InvalidInput(
-                f"a {type(robot).__name__} robot", "does not learn its cables", "make Adaptive the outermost wrapper"
-            )
+            what, remedy = f"a {type(robot).__name__} robot", "make Adaptive the outermost wrapper"
+            raise InvalidInput(what, "does not learn its cables", remedy)
         self.arm, self.robot, self.nursery = arm, robot, nursery
         self.table, self.hand, self.settings = arm.table, arm.hand, arm.settings
         self.T_base_camera = arm.motions.T_base_board @ self.table.T_camera_board.inverse()
@@ -105,12 +100,7 @@ class Learner:
         return [SE3.from_parts(middle.rotation @ SO3.axis("z", yaw), PLACE_M) for yaw in YAWS_RAD]
 
     async def look(self, grasp: Grasp, opening_rad: float) -> None:
-        """Look at the wrist over a block, and correct it before the arm goes down; all looks are combined later.
-
-        Args:
-            grasp: planned grasp of the block.
-            opening_rad: of the jaws, meanwhile.
-        """
+        """Look at the wrist over a block, and correct it before the arm goes down; all looks are combined later."""
         high_m = self.table.board.peg_height_m + OVER_PEGS_M
         path = await self.arm.plan(lambda: self.arm.motions.hovering(self.hand.q, grasp.T_board_tip, high_m))
         if path is None:
@@ -158,4 +148,4 @@ class Learner:
 
     async def _fit(self) -> None:
         learned = partial(self.robot.learned, self.arm.name)
-        self._better = await self.hand.compute("calibration", self.settings.fit_budget_s, learned) or self._better
+        self._better = await self.hand.compute("calibration", self.settings.fit_budget_s, learned)

@@ -1,21 +1,28 @@
-"""Where one arm hands a block to another, and how both hold it: from above, on two sides, with their jaws apart."""
+"""Where one arm hands a block to another, how both hold it, and what their scripts tell each other meanwhile."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
+import trio
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, capsules, ik
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
-from trocar.tasks.peg_transfer.grasps import Grasp, vertical_grasps, wrist_has_room
+from trocar.robots.concurrency import first_of
+from trocar.tasks.peg_transfer.agents import Settings
+from trocar.tasks.peg_transfer.agents.motions import yaw_of
+from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.unilateral import OneArm
+from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
+from trocar.tasks.peg_transfer.grasps import YAWS_RAD, Grasp, vertical_grasps, wrist_has_room
 from trocar.tasks.peg_transfer.shapes import Block
 
-YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
-"""Rotations of the giving tool that are tried."""
 ROOM_M = 2.4e-3
 """Distance between the arms that is enough, so that no tool need turn for more."""
 MIN_ROOM_M = 1.0e-3
@@ -23,190 +30,192 @@ MIN_ROOM_M = 1.0e-3
 MAX_ROLL_RAD = np.radians(110.0)
 SHARES = (0.0, 0.5, 1.0)
 """Shares of the receiving arm's way down, and of the giving arm's way up, at which distances are checked."""
+NEAR_M, NEAR_RAD = 4e-3, np.radians(20.0)
+"""Tips this close, seen from above, are at the same wall; turned against each other by less, in the same grasp."""
+ASIDE_M = 28e-3
+"""Sideways distance, towards its own side, of an arm that waits for a block or has given one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Partner:
-    """An arm that takes part.
-
-    Attributes:
-        model: of the arm.
-        T_world_base: its base as registered.
-        open_rad: opening of its jaws round a wall.
-        held_rad: opening when closed on it.
-    """
+    """An arm that takes part."""
 
     model: ArmModel
-    T_world_base: SE3
-    open_rad: float
-    held_rad: float
-
-
-@dataclass(frozen=True)
-class Ways:
-    """How two arms come to hold one block, and how they separate.
-
-    Attributes:
-        above_m: height from which the receiving arm comes down.
-        parts_m: height by which the giving arm rises then.
-        depth_m: of a tip under the block's top face.
-        wall_m: from the block's middle to that of a wall, round which the receiving jaws come down, without a peg
-            beside them.
-    """
-
-    above_m: float
-    parts_m: float
-    depth_m: float
-    wall_m: float
+    T_world_base: SE3  # its base as registered
+    open_rad: float  # opening of its jaws round a wall
+    held_rad: float  # opening when closed on it
 
 
 @dataclass(frozen=True, eq=False)
 class Offer:
-    """A pose in which to offer a block.
+    """A pose in which to offer a block."""
 
-    Attributes:
-        T_board_tip: of the giving arm.
-        room_m: predicted distance of the arms when the receiving one takes its best grasp.
-    """
-
-    T_board_tip: SE3
-    room_m: float
+    T_board_tip: SE3  # of the giving arm
+    room_m: float  # predicted distance of the arms when the receiving one takes its best grasp
 
 
-def choose_offer(
-    giver: Partner,
-    receiver: Partner,
-    T_world_board: SE3,
-    T_board_tip: SE3,
-    T_tip_block: SE3,
-    block: Block,
-    meeting_m: NDArray[np.float64],
-    ways: Ways,
-) -> Offer | str:
-    """Return how to offer a block so that the other arm can take it, or one sentence why that is impossible.
+@dataclass(frozen=True, eq=False)
+class HandoverGeometry:
+    """Two arms that are to hold one block: from above, on two sides, with their jaws apart."""
 
-    The tool turns as little as possible to leave ``ROOM_M`` between the arms; if that is impossible, to where there is
-    most room.
+    giver: Partner  # holds the block
+    receiver: Partner  # is to take it
+    T_world_board: SE3
+    block: Block
+    # Where they meet, from where the receiving arm comes down, and how far the giving one rises then.
+    settings: Settings
 
-    Args:
-        giver: holds the block.
-        receiver: is to take it.
-        T_world_board: pose of the board.
-        T_board_tip: of the giving arm now; only its yaw matters.
-        T_tip_block: pose of the block in its jaws.
-        block: its shape.
-        meeting_m: (3,) position of the middle of the block's lower face in the board's frame.
-        ways: how they meet and separate.
-    """
-    best: Offer | None = None
-    now = float(np.arctan2(T_board_tip.matrix[1, 0], T_board_tip.matrix[0, 0]))
-    turns = sorted(YAWS_RAD, key=lambda turn: abs((turn + np.pi) % (2 * np.pi) - np.pi))
-    for turn in turns:
-        upright = SO3.axis("z", now + turn)
-        middle = meeting_m + np.array([0.0, 0.0, block.height_m])
-        pose = SE3.from_parts(upright, middle - upright.apply(T_tip_block.translation_m))
-        taken = _best_grasp(giver, receiver, T_world_board, pose @ T_tip_block, pose, ways)
-        if taken is not None and (best is None or taken.clearance_m > best.room_m):
-            best = Offer(pose, taken.clearance_m)
-        if best is not None and best.room_m >= ROOM_M:
-            return best
-    return best or "there is no pose in which both arms could hold the block"
+    def choose_offer(self, T_board_tip: SE3, T_tip_block: SE3) -> Offer | str:
+        """Return how to offer a block so that the other arm can take it, or one sentence why that is impossible.
 
+        The tool turns as little as possible from where it is (``T_board_tip``) to leave ``ROOM_M`` between the arms; if
+        that is impossible, to where there is most room.
+        """
+        best: Offer | None = None
+        now = yaw_of(T_board_tip)
+        middle = np.array(self.settings.meeting_m) + np.array([0.0, 0.0, self.block.height_m])
+        for turn in sorted(YAWS_RAD, key=lambda turn: abs((turn + np.pi) % (2 * np.pi) - np.pi)):
+            upright = SO3.axis("z", now + turn)
+            pose = SE3.from_parts(upright, middle - upright.apply(T_tip_block.translation_m))
+            taken = self._best_grasp(pose @ T_tip_block, pose)
+            if taken is not None and (best is None or taken.clearance_m > best.room_m):
+                best = Offer(pose, taken.clearance_m)
+            if best is not None and best.room_m >= ROOM_M:
+                return best
+        return best or "there is no pose in which both arms could hold the block"
 
-def choose_taking(
-    giver: Partner,
-    receiver: Partner,
-    T_world_board: SE3,
-    T_board_block: SE3,
-    T_board_giver: SE3,
-    ways: Ways,
-    avoid: tuple[int, ...] = (),
-    near: SE3 | None = None,
-) -> Grasp | str:
-    """Return the grasp of a block in the other arm's jaws that keeps the arms furthest apart, or why there is none.
+    def choose_taking(
+        self, T_board_block: SE3, T_board_giver: SE3, avoid: Collection[int] = (), near: SE3 | None = None
+    ) -> Grasp | str:
+        """Return the grasp of a block in the other arm's jaws that keeps the arms furthest apart, or why there is none.
 
-    Its ``clearance_m`` is the least distance of the arms on the way down.
+        Its ``clearance_m`` is the least distance of the arms on the way down.
 
-    Args:
-        giver: holds the block.
-        receiver: is to take it.
-        T_world_board: pose of the board.
-        T_board_block: pose of the block, as it was seen.
-        T_board_giver: of the giving tip, according to its joints.
-        ways: how they meet and separate.
-        avoid: grasps that have failed.
-        near: the pose of the tip, except for its height, near which the grasp has to be; None: anywhere.
-    """
-    best = _best_grasp(giver, receiver, T_world_board, T_board_block, T_board_giver, ways, avoid, near)
-    if best is None:
-        return "no grasp of the block in the other arm's jaws is in reach"
-    if best.clearance_m < MIN_ROOM_M:
-        return f"no grasp of the block leaves the arms more than {1e3 * best.clearance_m:.1f} mm between them"
-    return best
+        Args:
+            T_board_block: pose of the block, as it was seen.
+            T_board_giver: of the giving tip, according to its joints.
+            avoid: grasps that have failed.
+            near: the pose of the tip, except for its height, near which the grasp has to be; None: anywhere.
+        """
+        best = self._best_grasp(T_board_block, T_board_giver, avoid, near)
+        if best is None:
+            return "no grasp of the block in the other arm's jaws is in reach"
+        if best.clearance_m < MIN_ROOM_M:
+            return f"no grasp of the block leaves the arms more than {1e3 * best.clearance_m:.1f} mm between them"
+        return best
 
-
-def joints_at(partner: Partner, T_world_board: SE3, T_board_tip: SE3) -> NDArray[np.float64] | None:
-    """Return the joints (6,) that hold a tip at a pose with the wrist well within its ranges, or None."""
-    try:
-        q = ik(partner.model, partner.T_world_base.inverse() @ T_world_board @ T_board_tip)
-    except OutOfReach:
-        return None
-    return q if wrist_has_room(partner.model, q, MAX_ROLL_RAD) else None
-
-
-def _best_grasp(
-    giver: Partner,
-    receiver: Partner,
-    T_world_board: SE3,
-    T_board_block: SE3,
-    T_board_giver: SE3,
-    ways: Ways,
-    avoid: tuple[int, ...] = (),
-    near: SE3 | None = None,
-) -> Grasp | None:
-    """Return the grasp that leaves most room while the receiving arm comes down and the giving one rises."""
-    leaving = _joints_above(giver, T_world_board, T_board_giver, ways.parts_m)
-    if leaving is None:
-        return None
-    holding = capsules(giver.model, leaving[0], giver.held_rad).moved(giver.T_world_base)
-    rising = capsules(giver.model, leaving, giver.open_rad).moved(giver.T_world_base)
-    best: Grasp | None = None
-    for candidate, T_board_tip in enumerate(vertical_grasps(T_board_block, ways.depth_m, ways.wall_m)):
-        if candidate in avoid or _same_side(T_board_tip, T_board_giver):
-            continue
-        for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
-            if near is not None and not _near(pose, near):
+    def _best_grasp(
+        self, T_board_block: SE3, T_board_giver: SE3, avoid: Collection[int] = (), near: SE3 | None = None
+    ) -> Grasp | None:
+        """Return the grasp that leaves most room while the receiving arm comes down and the giving one rises."""
+        giver, receiver, settings = self.giver, self.receiver, self.settings
+        leaving = self._joints_above(giver, T_board_giver, settings.parts_m)
+        if leaving is None:
+            return None
+        holding = capsules(giver.model, leaving[0], giver.held_rad).moved(giver.T_world_base)
+        rising = capsules(giver.model, leaving, giver.open_rad).moved(giver.T_world_base)
+        best: Grasp | None = None
+        grasps = vertical_grasps(T_board_block, settings.depth_m, self.block.wall_middle_m)
+        for candidate, T_board_tip in enumerate(grasps):
+            if candidate in avoid or _apart_m(T_board_tip, T_board_giver) < NEAR_M:
                 continue
-            coming = _joints_above(receiver, T_world_board, pose, ways.above_m)
-            if coming is None:
-                continue
-            lowering = capsules(receiver.model, coming, receiver.open_rad).moved(receiver.T_world_base)
-            taking = capsules(receiver.model, coming[0], receiver.held_rad).moved(receiver.T_world_base)
-            room = min(
-                float(capsule_distances_m(lowering, holding).min()), float(capsule_distances_m(rising, taking).min())
-            )
-            if best is None or room > best.clearance_m:
-                best = Grasp(pose, coming[0], receiver.open_rad, room, candidate)
-    return best
+            for pose in (T_board_tip, T_board_tip @ SE3.from_parts(SO3.axis("z", np.pi))):
+                if near is not None and not _same_grasp(pose, near):
+                    continue
+                coming = self._joints_above(receiver, pose, settings.waits_above_m)
+                if coming is None:
+                    continue
+                lowering = capsules(receiver.model, coming, receiver.open_rad).moved(receiver.T_world_base)
+                taking = capsules(receiver.model, coming[0], receiver.held_rad).moved(receiver.T_world_base)
+                both = (lowering, holding), (rising, taking)
+                room = min(float(capsule_distances_m(one, other).min()) for one, other in both)
+                if best is None or room > best.clearance_m:
+                    best = Grasp(pose, coming[0], receiver.open_rad, room, candidate)
+        return best
+
+    def _joints_above(self, partner: Partner, T_board_tip: SE3, by_m: float) -> NDArray[np.float64] | None:
+        """Return the joints (n, 6) at a pose and at some heights over it, the wrist well within its ranges, or None."""
+        way = []
+        for share in SHARES:
+            up = SE3.from_parts(T_board_tip.rotation, T_board_tip.translation_m + [0.0, 0.0, share * by_m])
+            try:
+                way.append(ik(partner.model, partner.T_world_base.inverse() @ self.T_world_board @ up))
+            except OutOfReach:
+                return None
+            if not wrist_has_room(partner.model, way[-1], MAX_ROLL_RAD):
+                return None
+        return np.array(way)
 
 
-def _joints_above(partner: Partner, T_world_board: SE3, T_board_tip: SE3, by_m: float) -> NDArray[np.float64] | None:
-    """Return the joints (n, 6) at a pose and at some heights over it, or None."""
-    way = [joints_at(partner, T_world_board, _above(T_board_tip, share * by_m)) for share in SHARES]
-    return None if any(q is None for q in way) else np.array(way)
+def _apart_m(T_board_a: SE3, T_board_b: SE3) -> float:
+    """Return the distance of two tips, seen from above."""
+    return float(np.linalg.norm(T_board_a.translation_m[:2] - T_board_b.translation_m[:2]))
 
 
-def _same_side(T_board_tip: SE3, T_board_giver: SE3) -> bool:
-    """Return whether a grasp is beside that of the giving jaws, on the same wall: within 4 mm."""
-    return bool(np.linalg.norm(T_board_tip.translation_m[:2] - T_board_giver.translation_m[:2]) < 4e-3)
+def _same_grasp(T_board_tip: SE3, T_board_other: SE3) -> bool:
+    turned_rad = np.linalg.norm((T_board_tip.inverse() @ T_board_other).rotation.log())
+    return bool(_apart_m(T_board_tip, T_board_other) < NEAR_M and turned_rad < NEAR_RAD)
 
 
-def _near(T_board_tip: SE3, T_board_other: SE3) -> bool:
-    """Return whether two tips are within 4 mm and 20 deg, seen from above."""
-    apart = T_board_tip.inverse() @ T_board_other
-    off_m = np.linalg.norm((T_board_tip.translation_m - T_board_other.translation_m)[:2])
-    return bool(off_m < 4e-3 and np.linalg.norm(apart.rotation.log()) < np.radians(20.0))
+@dataclass(eq=False)
+class HandoverState:
+    """What the two scripts tell each other about one transfer."""
+
+    goal: Transfer
+    giver: str  # name of the giving arm
+    start_s: float = 0.0  # when the giving arm began
+    # when each arm began and ended its part, over all meetings for this transfer; inf: not yet
+    turns: dict[str, tuple[float, float]] = field(default_factory=dict)
+    T_board_block: SE3 | None = None  # where the block is offered, according to the giving arm's joints
+    T_board_giver: SE3 | None = None  # pose of the giving tip there
+    outcome: TransferOutcome | None = None  # why it failed; None: it has not failed
+    reason: str = ""  # a sentence, if there is one
+    passed: bool = False  # whether the receiving arm has had the block
+    announced: trio.Event = field(default_factory=trio.Event)  # it is known where the block will be offered
+    # the receiving arm, waiting above, is in the giving one's way
+    crowded: trio.Event = field(default_factory=trio.Event)
+    offered: trio.Event = field(default_factory=trio.Event)  # the giving arm holds the block still, and waits
+    taken: trio.Event = field(default_factory=trio.Event)  # the receiving arm holds it too
+    released: trio.Event = field(default_factory=trio.Event)  # the giving arm has opened its jaws
+    parted: trio.Event = field(default_factory=trio.Event)  # and has risen out of the block
+
+    def announce(self, T_board_giver: SE3, T_tip_block: SE3) -> None:
+        """Announce where the block will be offered."""
+        self.T_board_giver, self.T_board_block = T_board_giver, T_board_giver @ T_tip_block
+        self.announced.set()
+
+    def fail(self, outcome: TransferOutcome, reason: str = "") -> None:
+        """End it."""
+        if self.outcome is None:
+            self.outcome, self.reason = outcome, reason
+        for event in (self.announced, self.crowded, self.offered, self.taken, self.released, self.parted):
+            event.set()
 
 
-def _above(T_board_tip: SE3, by_m: float) -> SE3:
-    return SE3.from_parts(T_board_tip.rotation, T_board_tip.translation_m + [0.0, 0.0, by_m])
+class Side:
+    """One of the two arms of a handover: this ``arm``, its ``other`` partner, and the ``script`` that picks blocks."""
+
+    def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
+        self.arm, self.other, self.script = arm, other, script
+        self.cell, self.settings, self.table = arm.cell, arm.settings, arm.table
+
+    @property
+    def own_side(self) -> float:
+        """Return the sign of x in the board's frame on the side of the arm's base."""
+        return float(np.sign(self.arm.motions.T_base_board.inverse().translation_m[0]))
+
+    async def rise(self) -> None:
+        """Rise straight out of a block that the other arm holds."""
+        await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, contact_s=(0.0, inf))
+
+    async def wait_for(self, *events: trio.Event) -> None:
+        """Wait for the other arm: for the first of several events."""
+        with self.cell.log.span(self.arm.name, "waiting"):
+            await first_of(*events)
+
+    def geometry(self, giver: PegArm, receiver: PegArm, held_rad: float | None = None) -> HandoverGeometry:
+        """Return how both arms can hold a block on which the giving one's jaws are closed; None: as far as now."""
+        bases, held_rad = self.cell.T_world_base_registered, giver.hand.jaw_rad if held_rad is None else held_rad
+        gives = Partner(giver.model, bases[giver.name], self.settings.release_rad, held_rad)
+        takes = Partner(receiver.model, bases[receiver.name], self.settings.taking_rad, held_rad)
+        return HandoverGeometry(gives, takes, self.table.T_world_board, self.table.block, self.settings)

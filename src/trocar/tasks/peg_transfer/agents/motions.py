@@ -16,7 +16,7 @@ from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import Capsules
 from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
 from trocar.robots.arm_script import ArmScript
-from trocar.robots.coordinator import Departure
+from trocar.robots.traffic import Departure
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_place, held_block, hole_over
 from trocar.tasks.peg_transfer.shapes import Block
@@ -41,32 +41,20 @@ SAME_RAD = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """A motion to a block's wall.
+    """A motion to a block's wall."""
 
-    Attributes:
-        path: over the pegs, then down.
-        departure: how the arm then lifts the block; None: no block is known to be there.
-    """
-
-    path: TimedPath
-    departure: Departure | None
+    path: TimedPath  # over the pegs, then down
+    departure: Departure | None  # how the arm then lifts the block; None: no block is known to be there
 
 
 @dataclass(frozen=True, eq=False)
 class Carriage:
-    """A motion that brings a block to its target.
+    """A motion that brings a block to its target."""
 
-    Attributes:
-        path: lift, travel, lower.
-        T_board_placed: where the block comes to lie.
-        departure: how the arm then rises from it.
-        beside: the other blocks, by peg, as known when this was planned.
-    """
-
-    path: TimedPath
-    T_board_placed: SE3
-    departure: Departure
-    beside: dict[int, SE3]
+    path: TimedPath  # lift, travel, lower
+    T_board_placed: SE3  # where the block comes to lie
+    departure: Departure  # how the arm then rises from it
+    beside: dict[int, SE3]  # the other blocks, by peg, as known when this was planned
 
 
 def starts_at(path: TimedPath, q: Joints) -> bool:
@@ -83,18 +71,15 @@ class Motions:
     """Plans the motions of one arm, including their commands.
 
     All are planned from given joints, so that the next one can be planned while the arm is still on its way there.
-
-    Args:
-        context: of the script.
-        hand: the arm.
-        table: board and blocks.
     """
 
     def __init__(self, context: AgentContext, hand: ArmScript, table: Table):
         self._robot, self._T_world_base = context.cell.robot, context.cell.T_world_base_registered[hand.name]
         self._name, self._model, self._table = hand.name, hand.model, table
         self._log, self._settings, self._planner = context.cell.log, context.settings, context.planner
-        self._still_when_placing = context.settings.fixed_wrist and context.settings.fixed_wrist_when_placing
+        hands_over = context.nominal.variant == "handover"
+        places_still = context.settings.looks_before_placing or not hands_over
+        self._still_when_placing = context.settings.fixed_wrist and places_still
 
     @property
     def T_base_board(self) -> SE3:
@@ -111,20 +96,14 @@ class Motions:
 
     def through(self, points: Sequence[Joints], fixed_wrist: bool | None = None) -> TimedPath:
         """Return a motion through these joints; ``fixed_wrist`` is as in the settings if it is None."""
-        up = self.T_base_board.matrix[:3, 2]
-        plan = plan_through(
-            self._model,
-            np.array(points),
-            self._settings.limits,
-            up=up,
-            fixed_wrist=self._settings.fixed_wrist if fixed_wrist is None else fixed_wrist,
-            planner=self._planner,
-        )
+        still = self._settings.fixed_wrist if fixed_wrist is None else fixed_wrist
+        up, limits = self.T_base_board.matrix[:3, 2], self._settings.limits
+        plan = plan_through(self._model, np.array(points), limits, up=up, fixed_wrist=still, planner=self._planner)
         return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
 
-    def held(self, T_tip_block: SE3 | None) -> Capsules | None:
-        """Return the solids of a block in the jaws, in the frame of the tip; None: there is none."""
-        return None if T_tip_block is None else _sides(self._table.block).moved(T_tip_block)
+    def held(self, T_tip_block: SE3) -> Capsules:
+        """Return the solids of a block in the jaws, in the frame of the tip."""
+        return _sides(self._table.block).moved(T_tip_block)
 
     def prepared(self, motion: Trajectory) -> Trajectory:
         """Return a motion whose commands have already been found."""
@@ -138,16 +117,9 @@ class Motions:
     def clear(self, q: Joints, T_tip_block: SE3, peg: int, height_m: float, placed: float | None = None) -> Joints:
         """Return joints that put the tip at another height, and the hole of the block in its jaws over a peg.
 
-        The middle of the hole's lower end, which passes the peg's top, is brought over the peg; when a block is placed,
-        a part of the hole that leaves room for the inner finger.
-
-        Args:
-            q: (6,) joints near the result.
-            T_tip_block: pose of the block in the jaws.
-            peg: number of the peg.
-            height_m: of the tip over the plate.
-            placed: position of that part as a share of the hole's depth, from the block's top face; None: the block is
-                in the air.
+        The middle of the hole's lower end, which passes the peg's top, is brought over the peg. When a block is placed,
+        it is a part of the hole that leaves room for the inner finger: ``placed`` is its position as a share of the
+        hole's depth, from the block's top face.
         """
         part, foot_m = 1.0 if placed is None else placed, self._table.board.pegs_m[peg]
         goal, depth_m = raised(self.tip(q), height_m), [0.0, 0.0, part * self._table.block.height_m]
@@ -209,34 +181,27 @@ class Motions:
             source: peg on which it stands still; None: it is in the air.
             target: peg.
         """
+        settings, board, block = self._settings, self._table.board, self._table.block
         tip, beside = self.tip(q), {peg: pose for peg, pose in self._table.blocks.items() if peg != source}
+        others, yaw_rad = list(beside.values()), yaw_of(tip)
         place = choose_place(
-            self._model,
-            self.T_base_board,
-            T_tip_block,
-            self._table.board,
-            self._table.block,
-            target,
-            list(beside.values()),
-            self._settings.drop_m,
-            yaw_rad=yaw_of(tip),
+            self._model, self.T_base_board, T_tip_block, board, block, target, others, settings.drop_m, yaw_rad
         )
         if isinstance(place, str):
             self._log.event("no place", peg=target, reason=place)
             return None
-        height = place.T_board_tip.translation_m[2] - self._settings.drop_m + self._settings.lift_m
+        height = place.translation_m[2] - settings.drop_m + settings.lift_m
         points = [q]
         if tip.translation_m[2] < height - AT_HEIGHT_M:
             points.append(self._over(q, T_tip_block, source, height))
-        down = self.ik(place.T_board_tip)
-        over, placed = self._over(down, T_tip_block, target, height), place.T_board_tip @ T_tip_block
-        still = self._still_when_placing
-        if self._settings.looks_before_placing:
-            departure = Departure(rest_to_rest(over, down, self._settings.limits), self.held(T_tip_block))
-            return Carriage(self.through([*points, over], still), placed, departure, beside)
-        risen = self.above(down, self._settings.clear_height_m)
-        departure = Departure(rest_to_rest(down, risen, self._settings.limits))
-        return Carriage(self.through([*points, over, down], still), placed, departure, beside)
+        down = self.ik(place)
+        points.append(self._over(down, T_tip_block, target, height))
+        if settings.looks_before_placing:
+            departure = Departure(rest_to_rest(points[-1], down, settings.limits), self.held(T_tip_block))
+        else:
+            points.append(down)
+            departure = Departure(rest_to_rest(down, self.above(down, settings.clear_height_m), settings.limits))
+        return Carriage(self.through(points, self._still_when_placing), place @ T_tip_block, departure, beside)
 
     def lowering(self, q: Joints, T_tip_block: SE3, target: int) -> TimedPath:
         """Return how to lower a block that hangs over its target: first sideways until its hole is over the peg."""
@@ -260,9 +225,8 @@ class Motions:
     def hovering(self, q: Joints, T_board_tip: SE3, height_m: float) -> TimedPath:
         """Return how to travel over the pegs, then down to another height over a pose."""
         below = self.ik(T_board_tip)
-        return self.through(
-            [*self.risen(q), self.above(below, self._settings.clear_height_m), self.above(below, height_m)]
-        )
+        down = [self.above(below, height) for height in (self._settings.clear_height_m, height_m)]
+        return self.through([*self.risen(q), *down])
 
     def offering(self, q: Joints, T_tip_block: SE3, source: int, T_board_tip: SE3) -> TimedPath:
         """Return how to lift a block from its peg and bring it to the handover."""

@@ -16,8 +16,8 @@ from trocar.motion import TimedPath
 from trocar.robots import TICK_S
 from trocar.robots.arm_script import ArmScript
 from trocar.robots.concurrency import together
-from trocar.robots.coordinator import Blocked, Coordinator, Departure
-from trocar.robots.moving_body import NEVER
+from trocar.robots.coordinator import Blocked, Coordinator
+from trocar.robots.traffic import NEVER, Departure
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
 from trocar.tasks.peg_transfer.agents.table import Eyes, Table
 from trocar.tasks.peg_transfer.grasps import Grasp
@@ -25,15 +25,13 @@ from trocar.trajectory import Trajectory
 
 JAW_SLACK_RAD = 0.03
 """Jaws that stay this close to their opening were blocked by something other than a wall."""
-
 LETS_GO_RAD = 0.14
 """Additional opening, by the encoder, to release a wall. Of 95 blocks, 13 went up again with the arm, all in jaws that
 had truly opened by less than .07 more. Cables absorb .03."""
-
 BESIDE_M = 0.035
 """Blocks on pegs this close to a target are considered when a place is chosen there."""
-
-UPRIGHT = 0.999
+PAUSE_S = 0.3
+"""An arm that cannot leave waits so long before it tries again."""
 AT_HOME = 1e-6
 
 
@@ -46,7 +44,6 @@ class PegArm:
         coordinator: admits all motions.
         motions: plans its motions.
         home: (6,) where the arm is out of the camera's view.
-        name: of the arm.
         goals: all transfers of the trial, of this arm and of others.
         hands_over: whether it grasps blocks so that another arm can take them.
         eyes: look at blocks for it.
@@ -77,11 +74,6 @@ class PegArm:
         return float(self.T_board_tip.translation_m[2])
 
     @property
-    def upright(self) -> bool:
-        """Return whether the tool is vertical."""
-        return float(self.T_board_tip.matrix[2, 2]) > UPRIGHT
-
-    @property
     def holds(self) -> bool:
         """Return whether the jaws' motor stalled on something as thick as a block's wall."""
         return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
@@ -91,19 +83,12 @@ class PegArm:
         await together(self.hand.exercise_wrist, partial(self.hand.zero_jaw, self.settings.jaw_closed_rad))
 
     async def go_to(
-        self,
-        grasp: Grasp,
-        source: int,
-        ready: Approach | None = None,
-        begun: Callable[[Approach], None] | None = None,
+        self, grasp: Grasp, source: int, ready: Approach | None = None, begun: Callable[[Approach], None] | None = None
     ) -> bool:
         """Travel over the pegs, then down round the wall of a block with open jaws; False if no motion does it.
 
-        Args:
-            grasp: the grasp.
-            source: the block's peg.
-            ready: the motion, if already planned; it is planned again if it no longer fits.
-            begun: called with the motion when it begins.
+        ``ready`` is the motion, if already planned; it is planned again if it no longer fits. ``begun`` is called with
+        the motion when it begins.
         """
         opening = self.opening_rad(grasp)
         if self.before_descent is not None:
@@ -117,7 +102,7 @@ class PegArm:
             try:
                 await self.move(
                     ready.path.trajectory,
-                    begun=partial(begun, ready) if begun else None,
+                    begun=begun and partial(begun, ready),
                     jaw_rad=opening,
                     margin_m=margin_m,
                     departure=ready.departure,
@@ -141,8 +126,8 @@ class PegArm:
         if path is not None:
             await self.move(path.trajectory)
 
-    async def grip(self, T_tip_block: SE3 | None = None) -> bool:
-        """Close the jaws; return whether they hold something: a block, where one is expected."""
+    async def grip(self, T_tip_block: SE3) -> bool:
+        """Close the jaws; return whether they hold something: a block, which is expected there."""
         await self.hand.jaw(self.settings.jaw_closed_rad)
         self.coordinator.carry(self.name, self.motions.held(T_tip_block) if self.holds else None)
         return self.holds
@@ -164,11 +149,8 @@ class PegArm:
     ) -> SE3 | None:
         """Lift, travel, lower; return where the block should be now, or None if no pose is in reach.
 
-        Args:
-            T_tip_block: pose of the block in the jaws.
-            target: peg.
-            ready: the motion, if already planned; it is planned again if it no longer fits.
-            begun: called with the motion when it begins.
+        ``ready`` is the motion, if already planned; it is planned again if it no longer fits. ``begun`` is called with
+        the motion when it begins.
         """
         hangs_over_target = False
         for margin_m in self.margins_m():
@@ -178,12 +160,8 @@ class PegArm:
                 return None
             try:
                 if not hangs_over_target:
-                    await self.move(
-                        ready.path.trajectory,
-                        begun=partial(begun, ready) if begun else None,
-                        margin_m=margin_m,
-                        departure=ready.departure,
-                    )
+                    begins = begun and partial(begun, ready)
+                    await self.move(ready.path.trajectory, begun=begins, margin_m=margin_m, departure=ready.departure)
                     await self.hand.settle()
                 if not self.settings.looks_before_placing:
                     return ready.T_board_placed
@@ -205,7 +183,7 @@ class PegArm:
             try:
                 await self.move(motion, margin_m=margin_m)
             except Blocked:
-                await self.cell.clock.sleep(self.settings.pause_s)
+                await self.cell.clock.sleep(PAUSE_S)
                 continue
             await self.hand.settle()
             return self.T_board_tip @ T_tip_block
@@ -242,7 +220,7 @@ class PegArm:
             return
         path = await self.plan(lambda: self.motions.to_joints(self.hand.q, self.home))
         if path is not None:
-            await self.move(path.trajectory, begun=partial(begun, path) if begun else None)
+            await self.move(path.trajectory, begun=begun and partial(begun, path))
 
     def margins_m(self) -> list[float]:
         """Return the margins to the other arm that are tried in turn."""
@@ -257,7 +235,7 @@ class PegArm:
                 return
             except Blocked:
                 continue
-        await self.cell.clock.sleep(self.settings.pause_s)
+        await self.cell.clock.sleep(PAUSE_S)
 
     async def move(
         self,
@@ -286,11 +264,10 @@ class PegArm:
             ArmStopped: the arm did not reach the end.
             MotionRefused: the robot refuses the motion of an arm that is alone.
         """
-        widest_rad = max(0.0, self.hand.jaw_rad, jaw_rad or 0.0)
         await self.coordinator.admit(
             self.name,
             motion,
-            jaw_rad=widest_rad,
+            jaw_rad=max(0.0, self.hand.jaw_rad, jaw_rad or 0.0),
             margin_m=margin_m,
             contact_s=contact_s,
             departure=departure,

@@ -13,14 +13,15 @@ from trocar.geometry import SE3, SO3
 from trocar.motion import TimedPath
 from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
-from trocar.tasks.peg_transfer.agents.meeting import choose_taking
+from trocar.tasks.peg_transfer.agents.meeting import ASIDE_M, HandoverState, Side
 from trocar.tasks.peg_transfer.agents.motions import Carriage, Joints, end_of, raised, starts_at, yaw_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.side import HandoverState, Side
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, withdraw
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, held_block
 
+UPRIGHT = 0.999
+"""Tools whose z has such a share along the board's are vertical."""
 THIN_RAD = 0.17
 """Openings round a wall below this are suspicious: 1 % of walls are that thin."""
 MAX_THINNER_RAD = 0.06
@@ -30,30 +31,11 @@ MAX_THINNER_RAD = 0.06
 
 @dataclass(frozen=True, eq=False)
 class Coming:
-    """A motion to a grasp of the block in the other arm's jaws, or to a pose above it.
+    """A motion to a grasp of the block in the other arm's jaws, or to a pose above it."""
 
-    Attributes:
-        path: over the pegs; to the grasp itself its last piece is straight down.
-        grasp: with which the block is to be taken.
-        down_s: time on the path at which the arm begins to descend to it.
-    """
-
-    path: TimedPath
-    grasp: Grasp
-    down_s: float = inf
-
-
-@dataclass(frozen=True, eq=False)
-class Looked:
-    """What was seen of the block in the other arm's jaws while this arm was still on its way.
-
-    Attributes:
-        T_board_block: where the block is.
-        descent: how to come down to it from where the arm was going; None: to be planned.
-    """
-
-    T_board_block: SE3
-    descent: Coming | None
+    path: TimedPath  # over the pegs; to the grasp itself its last piece is straight down
+    grasp: Grasp  # with which the block is to be taken
+    down_s: float = inf  # time on the path at which the arm begins to descend to it
 
 
 class Receiver(Side):
@@ -62,7 +44,7 @@ class Receiver(Side):
     def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
         super().__init__(arm, other, script)
         self._coming: Pending[Coming] = Pending()
-        self._looked: Pending[Looked] = Pending()
+        self._looked: Pending[tuple[SE3, Coming | None]] = Pending()
 
     async def come_near(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """Wait to the side until it is known where the block will be offered, then above where it will be grasped."""
@@ -86,9 +68,10 @@ class Receiver(Side):
         """Go to this arm's side of the handover place, and higher."""
         x, y, z = self.settings.meeting_m
         tip_m = z + self.table.block.height_m - self.settings.depth_m
-        beside = [x + self.own_side * self.settings.aside_m, y, tip_m + self.settings.waits_above_m]
-        pose = SE3.from_parts(SO3.axis("z", yaw_of(self.arm.T_board_tip) if self.arm.upright else np.pi), beside)
-        await self.arm.go_over(pose)
+        beside = [x + self.own_side * ASIDE_M, y, tip_m + self.settings.waits_above_m]
+        tip = self.arm.T_board_tip
+        yaw_rad = yaw_of(tip) if tip.matrix[2, 2] > UPRIGHT else np.pi
+        await self.arm.go_over(SE3.from_parts(SO3.axis("z", yaw_rad), beside))
 
     async def _wait_above(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """Go above the grasp expected from the giving arm's announcement; look as soon as it is there."""
@@ -126,7 +109,7 @@ class Receiver(Side):
 
         self._coming.start(helpers, plan)
 
-    async def _look_ahead(self, path: TimedPath, meeting: HandoverState) -> Looked | None:
+    async def _look_ahead(self, path: TimedPath, meeting: HandoverState) -> tuple[SE3, Coming | None] | None:
         """Look at the block as soon as it is held still; plan the descent from where this arm's motion ends."""
         await meeting.offered.wait()
         if meeting.outcome is not None or meeting.T_board_block is None:
@@ -134,7 +117,7 @@ class Receiver(Side):
         block = await self.arm.eyes.see_held(meeting.T_board_block)
         if block is None:
             return None
-        return Looked(block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, [])))
+        return block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, []))
 
     def _find_above(self, q: Joints, meeting: HandoverState, avoid: list[int]) -> Coming | None:
         assert meeting.T_board_block is not None and meeting.T_board_giver is not None
@@ -160,15 +143,7 @@ class Receiver(Side):
 
     def _grasp(self, T_board_block: SE3, T_board_giver: SE3, avoid: list[int], near: SE3 | None = None) -> Grasp | None:
         """Return how to grasp a block in the other arm's jaws; near a pose of the tip, if one is given."""
-        grasp = choose_taking(
-            *self.partners(self.other, self.arm),
-            self.table.T_world_board,
-            T_board_block,
-            T_board_giver,
-            self.ways(),
-            avoid=tuple(avoid),
-            near=near,
-        )
+        grasp = self.geometry(self.other, self.arm).choose_taking(T_board_block, T_board_giver, avoid, near)
         if not isinstance(grasp, str):
             return grasp
         if near is None:
@@ -181,21 +156,20 @@ class Receiver(Side):
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
             looked = await self._looked.take()
-            block = looked.T_board_block if looked is not None else await self.arm.eyes.see_held(meeting.T_board_block)
+            block, descent = looked or (await self.arm.eyes.see_held(meeting.T_board_block), None)
             if block is None:
                 await self.arm.go_home()
                 block = await self.arm.eyes.see_held(meeting.T_board_block)
             if block is None:
                 return None
-            grasp = await self._come(block, failed, looked.descent if looked is not None else None)
+            grasp = await self._come(block, failed, descent)
             if grasp is None:
                 return None
             T_tip_block = held_block(grasp.T_board_tip, block, self.table.block)
             if await self.arm.grip(T_tip_block) and self._holds_a_wall():
                 return T_tip_block
-            self.cell.log.event(
-                "pick failed", arm=self.arm.name, attempt=attempt, jaw_rad=round(self.arm.hand.jaw_rad, 4)
-            )
+            jaw_rad = round(self.arm.hand.jaw_rad, 4)
+            self.cell.log.event("pick failed", arm=self.arm.name, attempt=attempt, jaw_rad=jaw_rad)
             failed.append(grasp.candidate)
             await self.arm.open(self.settings.release_rad)
             await self.leave()
@@ -243,21 +217,8 @@ class Receiver(Side):
         await self.rise()
         await withdraw(self.arm)
 
-    async def receive(
-        self,
-        meeting: HandoverState,
-        to_give: HandoverState | None,
-        to_receive: HandoverState | None,
-        helpers: trio.Nursery,
-    ) -> None:
-        """Do this arm's part of a handover.
-
-        Args:
-            meeting: this one.
-            to_give: the next one, if this arm gives there.
-            to_receive: the next one, if it receives there too.
-            helpers: look and plan while the arm moves.
-        """
+    async def receive(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
+        """Do this arm's part of a handover; ``following`` is the next one, in which it may give."""
         await self.come_near(meeting, helpers)
         if meeting.outcome is not None:
             return
@@ -270,19 +231,14 @@ class Receiver(Side):
         meeting.taken.set()
         await self.wait_for(meeting.released)
         try:
-            await self._place(meeting, T_tip_block, to_give, to_receive, helpers)
+            await self._place(meeting, T_tip_block, following, helpers)
         except Blocked:
             self.table.blocks.pop(meeting.goal.target, None)
             meeting.fail(TransferOutcome.BLOCKED)
             await self.arm.let_go()
 
     async def _place(
-        self,
-        meeting: HandoverState,
-        T_tip_block: SE3,
-        to_give: HandoverState | None,
-        to_receive: HandoverState | None,
-        helpers: trio.Nursery,
+        self, meeting: HandoverState, T_tip_block: SE3, following: HandoverState | None, helpers: trio.Nursery
     ) -> None:
         """Look how the block sits in the jaws while the other arm leaves, bring it to its target and let go."""
         target = meeting.goal.target
@@ -292,21 +248,12 @@ class Receiver(Side):
         self.arm.coordinator.carry(self.arm.name, self.arm.motions.held(T_tip_block))
 
         def begun(carriage: Carriage) -> None:
-            self.table.blocks[target] = carriage.T_board_placed
-            if self.settings.looks_ahead and to_give is not None:
-                self.script.seen.start(helpers, partial(self.script.look_ahead, carriage.path, to_give.goal.source))
-            if self.settings.looks_ahead and to_receive is not None:
-                self.plan_ahead(carriage.path, to_receive, helpers)
+            if following is not None and following.giver == self.arm.name:
+                self.script.look_ahead(helpers, carriage.path, following.goal)
+            elif following is not None and self.settings.looks_ahead:
+                self.plan_ahead(carriage.path, following, helpers)
 
-        place = await self.arm.carry(T_tip_block, target, ready, begun)
-        if place is None:
-            meeting.fail(TransferOutcome.OUT_OF_REACH)
-        elif not self.arm.holds:
-            del self.table.blocks[target]
-            meeting.fail(TransferOutcome.DROPPED)
-        else:
-            self.table.blocks[target] = place
-        if meeting.outcome is not None:
-            await self.arm.let_go()
-            return
-        await self.arm.open()
+        outcome = await self.script.deliver(T_tip_block, target, ready, begun)
+        if outcome is not TransferOutcome.DONE:
+            meeting.fail(outcome)
+        await (self.arm.let_go() if meeting.outcome else self.arm.open())

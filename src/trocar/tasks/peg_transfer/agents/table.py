@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,9 +15,9 @@ from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.peg_transfer.agents.settings import GRASP_RULES, OUTER_RULES
+from trocar.tasks.peg_transfer.agents import GRASP_RULES
 from trocar.tasks.peg_transfer.goals import TransferOutcome
-from trocar.tasks.peg_transfer.grasps import Grasp, Jaws, choose_grasp
+from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
 
 if TYPE_CHECKING:
     from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
@@ -57,17 +56,20 @@ class Table:
 
     async def find_board(self, hand: ArmScript) -> bool:
         """Register the board once, since it does not move in a trial; return whether two looks at most found it."""
-        guess, reason = self.cell.T_world_fixture["board"], ""
+        guess, found = self.cell.T_world_fixture["board"], ""
         for _ in range(BOARD_LOOKS):
             image = await self.capture(hand)
             find = partial(self.see.find_board, image, self.T_world_camera, self.board, guess)
-            fit = await self._survey(hand, find)
-            if fit.found:
-                self.T_world_board = fit.T_world_board
+            found = await hand.compute("perception", self.settings.survey_budget_s, find)
+            if not isinstance(found, str):
+                self.T_world_board = found
                 return True
-            reason = fit.reason
-        self.cell.log.event("stopped", outcome=TransferOutcome.BOARD_NOT_FOUND.name, reason=reason)
+        self.cell.log.event("stopped", outcome=TransferOutcome.BOARD_NOT_FOUND.name, reason=found)
         return False
+
+    def find_block(self, image: RgbdImage, peg: int) -> SE3 | str:
+        """Return the pose of the block on a peg in an image, or why there is none."""
+        return self.see.find_block(image, self.T_camera_board, self.board, self.block, peg)
 
     async def check(self, hand: ArmScript) -> bool:
         """Look whether the blocks are where they were set down; return whether all are, and were seen.
@@ -76,16 +78,13 @@ class Table:
         """
         image = await self.capture(hand)
         pegs = sorted(self.blocks)
-        fits = await self._survey(
-            hand, lambda: [self.see.find_block(image, self.T_camera_board, self.board, self.block, peg) for peg in pegs]
+        found = await hand.compute(
+            "perception", self.settings.survey_budget_s, lambda: [self.find_block(image, peg) for peg in pegs]
         )
-        seen = [peg for peg, fit in zip(pegs, fits, strict=True) if fit.found]
+        seen = [peg for peg, pose in zip(pegs, found, strict=True) if not isinstance(pose, str)]
         missing = sorted(set(pegs) - set(seen))
         self.cell.log.event("check", pegs=seen, missing=missing)
         return not missing
-
-    async def _survey(self, hand: ArmScript, compute: Callable[[], Result]) -> Result:
-        return await hand.compute("perception", self.settings.survey_budget_s, compute)
 
 
 def _rgbd(cell: Cell) -> tuple[Camera, SE3]:
@@ -97,18 +96,14 @@ def _rgbd(cell: Cell) -> tuple[Camera, SE3]:
 
 
 class Eyes:
-    """One arm's vision: the cell's camera, and the interpretation of its images for this arm.
-
-    Args:
-        arm: the arm.
-    """
+    """One arm's vision: the cell's camera, and the interpretation of its images for this arm."""
 
     def __init__(self, arm: PegArm):
         self.arm, self.table, self.settings = arm, arm.table, arm.settings
 
     async def see(self, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
         """Look at a peg; return how to grasp its block, avoiding grasps that have failed, or why it cannot be."""
-        return await self.look(await self._capture(), source, failed)
+        return await self.look(await self.table.capture(self.arm.hand), source, failed)
 
     async def look(self, image: RgbdImage, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
         """Return how to grasp the block on a peg in an image, avoiding grasps that have failed, or why it cannot be."""
@@ -120,49 +115,44 @@ class Eyes:
         return outcome
 
     def _plan_grasp(self, image: RgbdImage, source: int, failed: Sequence[int]) -> Grasp | tuple[str, TransferOutcome]:
-        table, settings = self.table, self.settings
-        fit = table.see.find_block(image, table.T_camera_board, table.board, table.block, source)
-        if not fit.found or fit.T_board_block is None:
+        table, T_base_board = self.table, self.arm.motions.T_base_board
+        found = table.find_block(image, source)
+        if isinstance(found, str):
             table.blocks.pop(source, None)
-            return fit.reason, TransferOutcome.NO_BLOCK
-        table.blocks[source] = fit.T_board_block
-        others = [pose.matrix for peg, pose in table.blocks.items() if peg != source]
-        neighbours = SE3.unchecked(np.array(others)) if others else None
-        refusal = ""
-        own_side = self.arm.motions.T_base_board.inverse().translation_m[:2]
-        for outer, min_gap_m, max_roll_rad in OUTER_RULES if self.arm.hands_over else GRASP_RULES:
+            return found, TransferOutcome.NO_BLOCK
+        table.blocks[source] = found
+        others = [pose for peg, pose in table.blocks.items() if peg != source]
+        own_side, grasp = T_base_board.inverse().translation_m[:2], ""
+        for outer, min_gap_m, max_roll_rad in GRASP_RULES:
+            if outer and not self.arm.hands_over:
+                continue
             grasp = choose_grasp(
                 self.arm.model,
-                self.arm.motions.T_base_board,
-                fit.T_board_block,
+                T_base_board,
+                found,
                 table.board,
                 table.block,
-                neighbours,
+                others,
                 avoid=failed,
-                depth_m=settings.depth_m,
-                jaws=replace(Jaws.of(self.arm.model.instrument), min_gap_m=min_gap_m),
+                depth_m=self.settings.depth_m,
+                min_gap_m=min_gap_m,
                 max_roll_rad=max_roll_rad,
                 towards=own_side if outer else None,
             )
             if isinstance(grasp, Grasp):
                 return grasp
-            refusal = grasp
-        return refusal, TransferOutcome.OUT_OF_REACH
+        return grasp, TransferOutcome.OUT_OF_REACH
 
     async def see_held(self, T_board_expected: SE3) -> SE3 | None:
-        """Look at a block in an arm's jaws; return its pose in the board's frame, nearly upright, or None.
-
-        Args:
-            T_board_expected: where it is according to the arm's joints.
-        """
-        image, table = await self._capture(), self.table
-        fit = await self._perceive(
+        """Look at a block in an arm's jaws, near where its joints have it; return its pose, nearly upright, or None."""
+        image, table = await self.table.capture(self.arm.hand), self.table
+        found = await self._perceive(
             lambda: table.see.find_held_block(image, table.T_camera_board, table.block, T_board_expected)
         )
-        if fit.T_board_block is None:
-            self.arm.cell.log.event("no look", arm=self.arm.name, reason=fit.reason)
+        if isinstance(found, str):
+            self.arm.cell.log.event("no look", arm=self.arm.name, reason=found)
             return None
-        return fit.T_board_block
+        return found
 
     async def see_own(self, T_tip_block: SE3) -> SE3:
         """Look at the block in this arm's jaws; return its pose there, or the expected one if it is not seen."""
@@ -174,9 +164,5 @@ class Eyes:
         self.arm.cell.log.event("correction", arm=self.arm.name, off_mm=np.round(1e3 * off, 2).tolist())
         return tip.inverse() @ seen
 
-    async def _capture(self) -> RgbdImage:
-        return await self.table.capture(self.arm.hand)
-
     async def _perceive(self, compute: Callable[[], Result]) -> Result:
-        """Compute on an image."""
         return await self.arm.hand.compute("perception", self.settings.perception_budget_s, compute)

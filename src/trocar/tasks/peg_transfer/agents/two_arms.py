@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import replace
+from collections.abc import Awaitable, Callable
 from functools import partial
 from math import inf
 
@@ -16,12 +15,16 @@ from trocar.robots.concurrency import together, with_helpers
 from trocar.robots.coordinator import Blocked, Coordinator
 from trocar.tasks.peg_transfer.agents.giver import Giver
 from trocar.tasks.peg_transfer.agents.learner import learning
+from trocar.tasks.peg_transfer.agents.meeting import HandoverState
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
-from trocar.tasks.peg_transfer.agents.side import AGAIN, HandoverState
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, begin, finish, withdraw
-from trocar.tasks.peg_transfer.goals import PAIRS, Transfer, TransferOutcome
+from trocar.tasks.peg_transfer.goals import PAIRS, TransferOutcome
+
+LEFT_GOALS = frozenset(left for left, _ in PAIRS)
+AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.DROPPED)
+"""Outcomes of a handover after which another try is worthwhile: the block is back where it was, or has slipped back."""
 
 
 class TwoArms(ABC):
@@ -32,6 +35,7 @@ class TwoArms(ABC):
         right: the other.
         table: board and blocks, as both know them.
         coordinator: of both arms.
+        looks: at the first blocks, while the arms are still waking.
     """
 
     def __init__(self, context: AgentContext):
@@ -43,21 +47,19 @@ class TwoArms(ABC):
         self.coordinator = Coordinator(context.cell, context.arms, context.settings.margins)
         arms = [PegArm(context, name, self.table, self.coordinator) for name in context.arms]
         self.left, self.right = sorted(arms, key=lambda arm: float(arm.motions.T_base_board.inverse().translation_m[0]))
+        self.looks: list[Callable[[], Awaitable[None]]] = []
         self._gone = 0
 
     async def run(self) -> None:
         """Wake both arms, find the board, do the transfers, and look once more at the end."""
-        if not await begin(self.table, [self.left, self.right], self.first_looks()):
+        if not await begin(self.table, [self.left, self.right], self.looks):
             return
         async with learning([self.left, self.right]):
-            await self.transfer_all()
+            await together(partial(self._script, self.left), partial(self._script, self.right))
 
-    def first_looks(self) -> Sequence[Callable[[], Awaitable[None]]]:
-        """Return the function that looks at the first blocks."""
-        return []
-
-    async def leave(self, arm: PegArm) -> None:
-        """Let an arm that has finished leave the board, if it can; the last one looks once more."""
+    async def _script(self, arm: PegArm) -> None:
+        """Let an arm do its work and then leave the board, if it can; the last one looks once more."""
+        await self.work(arm)
         self._gone += 1
         if self._gone == 2:
             await finish(self.table, arm)
@@ -65,11 +67,8 @@ class TwoArms(ABC):
             await withdraw(arm)
 
     @abstractmethod
-    async def transfer_all(self) -> None:
-        """Do the transfers."""
-
-
-LEFT_GOALS = frozenset(left for left, _ in PAIRS)
+    async def work(self, arm: PegArm) -> None:
+        """Do an arm's part of all transfers."""
 
 
 class Bilateral(TwoArms):
@@ -79,58 +78,35 @@ class Bilateral(TwoArms):
         super().__init__(context)
         lefts = [goal for goal in self.goals if goal in LEFT_GOALS]
         rights = [goal for goal in self.goals if goal not in LEFT_GOALS]
-        self.scripts = (
-            OneArm(self.left, lefts, beside=True, keeps_pace=True),
-            OneArm(self.right, rights, beside=True, keeps_pace=True),
-        )
+        self.scripts = {arm.name: OneArm(arm, own, True) for arm, own in ((self.left, lefts), (self.right, rights))}
+        self.looks = [script.look_first for script in self.scripts.values()]
 
-    def first_looks(self):
-        """Return the function that looks at both arms' first blocks."""
-        return [script.look_first for script in self.scripts]
-
-    async def transfer_all(self) -> None:
-        """Let both arms do their transfers; an arm that has finished leaves."""
-        await together(*(self._script(script) for script in self.scripts))
-
-    def _script(self, script: OneArm):
-        async def run() -> None:
-            await script.transfer_all()
-            self.coordinator.reached(script.arm.name)
-            await self.leave(script.arm)
-
-        return run
+    async def work(self, arm: PegArm) -> None:
+        """Do an arm's own transfers."""
+        await self.scripts[arm.name].transfer_all()
+        self.coordinator.reached(arm.name)
 
 
 class Handover(TwoArms):
     """Both arms have a list of jobs: give, or receive. The next block is picked while this one is placed."""
 
     def __init__(self, context: AgentContext):
-        settings = context.settings
-        settings = replace(settings, fixed_wrist_when_placing=settings.looks_before_placing)
-        super().__init__(replace(context, settings=settings))
-        rounds = range(self.settings.rounds)
-        self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
-        self.appointments = [[HandoverState(goal) for _ in rounds] for goal in self.goals]
+        super().__init__(context)
+        rounds, x_m = range(self.settings.rounds), self.table.board.pegs_m[:, 0]
+        giver = {goal: self.right if x_m[goal.target] < x_m[goal.source] else self.left for goal in self.goals}
+        self.appointments = [[HandoverState(goal, giver[goal].name) for _ in rounds] for goal in self.goals]
 
-    async def transfer_all(self) -> None:
-        """Let both arms do their jobs."""
-        await together(partial(self._script, self.left, self.right), partial(self._script, self.right, self.left))
-
-    async def _script(self, arm: PegArm, other: PegArm) -> None:
-        script = self.scripts[arm.name]
+    async def work(self, arm: PegArm) -> None:
+        """Give or receive the block of each transfer: the arm on the side of the source gives."""
+        script, other = OneArm(arm, (), beside=True), self.left if arm is self.right else self.right
         giver, receiver = Giver(arm, other, script), Receiver(arm, other, script)
         working = True
-        for rounds, following in zip(self.appointments, [*self.appointments[1:], None], strict=True):
-            gives, ended = self._gives(arm, rounds[0].goal), rounds[-1]
-            to_give = following[0] if following and self._gives(arm, following[0].goal) else None
-            to_receive = following[0] if following and not to_give else None
+        for rounds, following in zip(self.appointments, [*self.appointments[1:], [None]], strict=True):
+            gives, ended = rounds[0].giver == arm.name, rounds[-1]
             turns, begin_s = rounds[0].turns, self.cell.clock.now_s()
             turns[arm.name] = (begin_s, inf)
             for meeting in rounds:
-                if gives:
-                    job = partial(giver.give, meeting, to_give)
-                else:
-                    job = partial(receiver.receive, meeting, to_give, to_receive)
+                job = partial(giver.give if gives else receiver.receive, meeting, following[0])
                 if working:
                     working = await self._done(arm, job, meeting)
                 else:
@@ -143,11 +119,9 @@ class Handover(TwoArms):
                 outcome = ended.outcome or TransferOutcome.DONE
                 if outcome is TransferOutcome.NO_BLOCK and rounds[0].outcome is TransferOutcome.DROPPED:
                     outcome = TransferOutcome.DROPPED  # and it has not slipped back to its peg
-                until_now = {
-                    name: (start_s, min(end_s, turns[arm.name][1])) for name, (start_s, end_s) in turns.items()
-                }
+                now_s = turns[arm.name][1]
+                until_now = {name: (start_s, min(end_s, now_s)) for name, (start_s, end_s) in turns.items()}
                 script.note(ended.goal, rounds[0].start_s, outcome, ended.reason, until_now)
-        await self.leave(arm)
 
     async def _done(self, arm: PegArm, job: Callable[[trio.Nursery], Awaitable[None]], meeting: HandoverState) -> bool:
         """Do an arm's part of a meeting; return whether both arms can go on."""
@@ -160,9 +134,3 @@ class Handover(TwoArms):
             if not meeting.parted.is_set():  # else only the other arm holds the block
                 meeting.fail(TransferOutcome.ARM_STOPPED, str(error))
         return not arm.stopped and meeting.outcome is not TransferOutcome.ARM_STOPPED
-
-    def _gives(self, arm: PegArm, goal: Transfer) -> bool:
-        """Return whether an arm gives: the one on the side of the source does."""
-        pegs = self.table.board.pegs_m
-        leftwards = pegs[goal.target, 0] < pegs[goal.source, 0]
-        return (arm is self.right) == bool(leftwards)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import partial
 
 import trio
@@ -19,21 +17,17 @@ from trocar.robots.concurrency import Pending, together, with_helpers
 from trocar.robots.coordinator import Blocked, Coordinator
 from trocar.tasks.peg_transfer.agents.learner import learning
 from trocar.tasks.peg_transfer.agents.motions import Approach, Carriage, end_of
-from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.settings import Settings
+from trocar.tasks.peg_transfer.agents.peg_arm import PAUSE_S, PegArm
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
 
 
-async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]] = ()) -> bool:
+async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]]) -> bool:
     """Wake the arms and find the board; return whether it was there.
 
-    Args:
-        table: with the board.
-        arms: that work.
-        looks: at the first blocks; if the settings say so, they are taken while the arms, out of the camera's view, are
-            still waking.
+    If the settings say so, it and the first blocks (``looks``) are looked at while the arms, out of the camera's view,
+    are still waking.
     """
     wakes, hand = [arm.exercise_wrist for arm in arms], arms[-1].hand
     if not table.settings.looks_ahead:
@@ -68,51 +62,33 @@ async def finish(table: Table, arm: PegArm) -> None:
             if table.settings.looks_ahead:
                 checked.start(helpers, lambda: look(path))
 
-        with may_stay(arm):
-            await arm.go_home(begun)
+        await withdraw(arm, begun)
         return await checked.take()
 
     if arm.stopped or not await with_helpers(script):
         await table.check(arm.hand)
 
 
-async def withdraw(arm: PegArm) -> None:
-    """Let an arm that has nothing to do leave the board, if it can."""
-    with may_stay(arm):
-        await arm.go_home()
-
-
-@contextmanager
-def may_stay(arm: PegArm) -> Iterator[None]:
-    """Note it if an arm cannot leave."""
+async def withdraw(arm: PegArm, begun: Callable[[TimedPath], None] | None = None) -> None:
+    """Let an arm that has nothing to do leave the board, if it can; note it if it cannot."""
     try:
-        yield
+        await arm.go_home(begun)
     except (Blocked, ArmStopped) as error:
         arm.cell.log.event("stayed", arm=arm.name, reason=str(error) or type(error).__name__)
 
 
-class Step(Enum):
-    """Steps of a transfer at which two arms keep pace, as shares of it."""
-
-    HOLDS = 0.5
-    LEFT_SOURCE = 1.0
+HOLDS, LEFT_SOURCE = 0.5, 1.0
+"""Steps of a transfer at which two arms keep pace, as shares of it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A block that was looked at while the arm was still busy with the previous one.
+    """A block that was looked at while the arm was still busy with the previous one."""
 
-    Attributes:
-        source: its peg.
-        grasp: how to grasp it.
-        approach: how to get there from where the arm was going; None: to be planned.
-        there: whether the arm has already arrived there.
-    """
-
-    source: int
-    grasp: Grasp
-    approach: Approach | None
-    there: bool = False
+    source: int  # its peg
+    grasp: Grasp  # how to grasp it
+    approach: Approach | None  # how to get there from where the arm was going; None: to be planned
+    there: bool = False  # whether the arm has already arrived there
 
 
 class OneArm:
@@ -122,14 +98,12 @@ class OneArm:
         arm: what it can do.
         table: what it knows of the board.
         goals: its transfers.
-        beside: whether another arm works here too.
-        keeps_pace: whether it keeps pace with the other arm, side by side.
+        beside: whether another arm works here too; it keeps pace with that one.
         seen: the next block, if it was looked at beforehand.
     """
 
-    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool = False, keeps_pace: bool = False):
+    def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool):
         self.arm, self.table, self.goals, self.beside = arm, arm.table, goals, beside
-        self.keeps_pace = keeps_pace
         self.cell, self.settings = arm.cell, arm.settings
         self.seen: Pending[Seen] = Pending()
 
@@ -147,7 +121,7 @@ class OneArm:
             except ArmStopped as error:
                 self.arm.stopped = True
                 outcome, reason = TransferOutcome.ARM_STOPPED, str(error)
-            self._come(number, Step.LEFT_SOURCE)
+            self._come(number + LEFT_SOURCE)
             self.note(self.goals[number], start_s, outcome, reason)
             if self.arm.stopped:
                 for goal in self.goals[number + 1 :]:
@@ -162,16 +136,7 @@ class OneArm:
         reason: str = "",
         turns: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        """Note how a transfer ended.
-
-        Args:
-            goal: the transfer.
-            start_s: when it began.
-            outcome: of it.
-            reason: a sentence, if there is one.
-            turns: when each arm began and ended its part of it; None: this arm did it alone.
-        """
-        values = {"reason": reason} if reason else {}
+        """Note how a transfer ended, and when each arm began and ended its part of it; None: this arm did it alone."""
         turns = {self.arm.name: (start_s, self.cell.clock.now_s())} if turns is None else turns
         self.cell.log.event(
             "transfer",
@@ -181,7 +146,7 @@ class OneArm:
             target=goal.target,
             start_s=round(start_s, 6),
             outcome=outcome.name,
-            **values,
+            **({"reason": reason} if reason else {}),
         )
 
     async def look_first(self) -> None:
@@ -191,10 +156,13 @@ class OneArm:
             grasp = await self.arm.eyes.see(source)
             self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
 
-    async def look_ahead(self, path: TimedPath, source: int, rise_m: float = 0.0) -> Seen | None:
-        """Look at the next block while the arm moves, and plan the approach from where the motion ends.
+    def look_ahead(self, helpers: trio.Nursery, path: TimedPath, goal: Transfer | None, rise_m: float = 0.0) -> None:
+        """If it may, look at the next transfer's block while the arm moves, and plan the approach from there."""
+        if self.settings.looks_ahead and goal is not None:
+            self.seen.start(helpers, partial(self._look_on_the_way, path, goal.source, rise_m))
 
-        ``rise_m`` is how far it will have to rise there first.
+    async def _look_on_the_way(self, path: TimedPath, source: int, rise_m: float) -> Seen | None:
+        """Look at a block on the way, and plan the approach from its end, first up by ``rise_m``.
 
         The newest image is taken when the arm is over its target. If it does not show the block, an earlier one may, in
         which no arm was in front of it.
@@ -213,13 +181,13 @@ class OneArm:
                 return Seen(source, grasp, await self.arm.plan(planned))
         return None
 
-    def _come(self, number: int, step: Step) -> None:
-        if self.keeps_pace:
-            self.arm.coordinator.reached(self.arm.name, number + step.value)
+    def _come(self, step: float) -> None:
+        if self.beside:
+            self.arm.coordinator.reached(self.arm.name, step)
 
-    async def _keep_pace(self, number: int, step: Step) -> None:
-        if self.keeps_pace:
-            await self.arm.coordinator.wait_for_others(self.arm.name, number + step.value, self.arm.settings.pace_s)
+    async def _keep_pace(self, step: float) -> None:
+        if self.beside:
+            await self.arm.coordinator.wait_for_others(self.arm.name, step, self.settings.pace_s)
 
     async def _transfer(self, number: int, helpers: trio.Nursery) -> TransferOutcome:
         """Move one block; every way in which this can end is an outcome.
@@ -228,7 +196,7 @@ class OneArm:
         lift.
         """
         goal, outcome = self.goals[number], TransferOutcome.BLOCKED
-        await self._keep_pace(number - 1, Step.LEFT_SOURCE)
+        await self._keep_pace(number - 1 + LEFT_SOURCE)
         for _ in range(self.settings.rounds):
             carriage: Pending[Carriage] = Pending()
             grasp = await self.pick(goal.source, partial(self._plan_carriage, goal, carriage, helpers))
@@ -236,7 +204,7 @@ class OneArm:
                 return outcome if outcome is TransferOutcome.DROPPED else grasp
             T_board_block = self.table.blocks.pop(goal.source)
             try:
-                outcome = await self._bring(number, grasp, T_board_block, carriage, helpers)
+                outcome = await self._bring(number, T_board_block, carriage, helpers)
             except Blocked:  # the block stands where it stood: nothing has moved
                 self.table.blocks[goal.source] = T_board_block
                 self.table.blocks.pop(goal.target, None)
@@ -249,31 +217,43 @@ class OneArm:
         return outcome
 
     async def _bring(
-        self, number: int, grasp: Grasp, T_board_block: SE3, carriage: Pending[Carriage], helpers: trio.Nursery
+        self, number: int, T_board_block: SE3, carriage: Pending[Carriage], helpers: trio.Nursery
     ) -> TransferOutcome:
         """Bring a held block to its target; on the way down, look at the next one."""
         T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
-        goal, following = self.goals[number], self.goals[number + 1 : number + 2]
-        self._come(number, Step.HOLDS)
-        await self._keep_pace(number, Step.HOLDS)
+        goal, following = self.goals[number], next(iter(self.goals[number + 1 :]), None)
+        self._come(number + HOLDS)
+        await self._keep_pace(number + HOLDS)
         ready = await carriage.take()
 
         def begun(carriage: Carriage) -> None:
-            self._come(number, Step.LEFT_SOURCE)
-            self.table.blocks[goal.target] = carriage.T_board_placed
-            if self.settings.looks_ahead and following:
-                self.seen.start(helpers, partial(self.look_ahead, carriage.path, following[0].source))
+            self._come(number + LEFT_SOURCE)
+            self.look_ahead(helpers, carriage.path, following)
 
-        place = await self.arm.carry(T_tip_block, goal.target, ready, begun)
+        outcome = await self.deliver(T_tip_block, goal.target, ready, begun)
+        if outcome is TransferOutcome.DROPPED:
+            await self.seen.take()  # a dropped block may be anywhere now
+        elif outcome is TransferOutcome.DONE:
+            await self.before_release(goal)
+            await self.arm.open()
+        return outcome
+
+    async def deliver(
+        self, T_tip_block: SE3, target: int, ready: Carriage | None, begun: Callable[[Carriage], None]
+    ) -> TransferOutcome:
+        """Carry a block to its target, where the jaws still hold it if the outcome is DONE."""
+
+        def begins(carriage: Carriage) -> None:
+            self.table.blocks[target] = carriage.T_board_placed
+            begun(carriage)
+
+        place = await self.arm.carry(T_tip_block, target, ready, begins)
         if place is None:
             return TransferOutcome.OUT_OF_REACH
         if not self.arm.holds:
-            del self.table.blocks[goal.target]
-            await self.seen.take()  # a dropped block may be anywhere now
+            del self.table.blocks[target]
             return TransferOutcome.DROPPED
-        self.table.blocks[goal.target] = place
-        await self.before_release(goal)
-        await self.arm.open()
+        self.table.blocks[target] = place
         return TransferOutcome.DONE
 
     async def before_release(self, goal: Transfer) -> None:
@@ -293,20 +273,18 @@ class OneArm:
     async def pick(self, source: int, on_the_way: Callable[[Approach], None] | None = None) -> Grasp | TransferOutcome:
         """Take hold of the block on a peg; return the grasp, or why it failed.
 
-        Args:
-            source: peg.
-            on_the_way: called with the approach when it begins.
+        ``on_the_way`` is called with the approach when it begins.
         """
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
             seen = await self.seen.take()
-            known = seen is not None and seen.source == source and not failed
-            grasp = seen.grasp if seen is not None and known else await self._see(source, failed)
-            if not isinstance(grasp, Grasp):
-                return grasp
-            ready = seen.approach if seen is not None and known else None
-            there = seen is not None and known and seen.there
-            if not there and not await self.arm.go_to(grasp, source, ready, on_the_way):
+            if seen is None or seen.source != source or failed:
+                grasp = await self._see(source, failed)
+                if not isinstance(grasp, Grasp):
+                    return grasp
+                seen = Seen(source, grasp, None)
+            grasp = seen.grasp
+            if not seen.there and not await self.arm.go_to(grasp, source, seen.approach, on_the_way):
                 return TransferOutcome.OUT_OF_REACH
             if await self.arm.grip(self.arm.motions.gripped(self.arm.hand.q, self.table.blocks[source])):
                 return grasp
@@ -325,12 +303,9 @@ class OneArm:
             if look == 0:
                 await self.arm.go_home()
             else:
-                await self.cell.clock.sleep(self.settings.pause_s)
+                await self.cell.clock.sleep(PAUSE_S)
             grasp = await self.arm.eyes.see(source, failed)
         return grasp
-
-
-__all__ = ["Settings", "Unilateral"]
 
 
 class Unilateral(OneArm):
@@ -339,7 +314,7 @@ class Unilateral(OneArm):
     def __init__(self, context: AgentContext):
         table = Table(context)
         coordinator = Coordinator(context.cell, context.arms[:1], context.settings.margins)
-        super().__init__(PegArm(context, context.arms[0], table, coordinator), context.goals)
+        super().__init__(PegArm(context, context.arms[0], table, coordinator), context.goals, beside=False)
 
     async def run(self) -> None:
         """Do the transfers one after the other, and look once more at the end."""

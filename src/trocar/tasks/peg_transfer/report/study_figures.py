@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,8 +14,10 @@ from trocar.eval.study import Results
 from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.report import style
-from trocar.tasks.peg_transfer.goals import PegSet
-from trocar.tasks.peg_transfer.report.trial_row import KINDS, Row
+from trocar.tasks.peg_transfer.shapes import Pegboard
+
+if TYPE_CHECKING:
+    from trocar.tasks.peg_transfer.report.study import Row
 
 COMPLETION_S = {
     "unilateral": {"volunteers": (145.8, 44.7), "surgeon": (56.7, 6.0), "robot": (62.6, 0.7)},
@@ -24,10 +26,9 @@ COMPLETION_S = {
 }
 """Mean and standard deviation of the completion time of a trial, caption of Fig. 10; the robot calibrated and
 optimised."""
-
 COLLISIONS = {"surgeon": 6, "volunteers": 8, "robot": 0}
 """Median collisions per trial on all variants, section V-D.4."""
-
+KINDS = ("velocity", "acceleration", "jerk")
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}
 LEAST_OF_BOX = 5
@@ -36,10 +37,72 @@ THINNED = 5
 """One in this many samples of a path is drawn."""
 
 
+class Cells:
+    """The results of a study's conditions, drawn side by side: variants one apart, methods beside each other."""
+
+    def __init__(self, results: Sequence[Results[Row]]):
+        self.results = results
+        self.variants = list(dict.fromkeys(result.condition.name for result in results))
+        self.methods = list(dict.fromkeys(result.condition.method for result in results))
+
+    def place(self, result: Results[Row]) -> float:
+        """Return where a cell stands on the axis."""
+        aside = self.methods.index(result.condition.method) - (len(self.methods) - 1) / 2
+        return self.variants.index(result.condition.name) + aside * (0.8 / len(self.methods))
+
+    def colour(self, method: str) -> str:
+        """Return the colour of a method."""
+        return COLOURS[self.methods.index(method) % len(COLOURS)]
+
+    def handles(self) -> list[Patch]:
+        """Return what a legend shows."""
+        return [Patch(color=self.colour(name), label=name) for name in self.methods]
+
+    def name(self, axes: Axes) -> None:
+        """Write the variants below an axis."""
+        axes.set_xticks(range(len(self.variants)), self.variants)
+        axes.set_xlim(-0.6, len(self.variants) - 0.4)
+
+    def draw_boxes(self, axes: Axes, value: Callable[[Row], float]) -> None:
+        """Draw a box of each cell's trials: quartiles, whiskers to 1.5 quartile ranges, outliers as points.
+
+        With fewer than ``LEAST_OF_BOX`` trials, each is a point, since quartiles would mean nothing.
+        """
+        for result in self.results:
+            colour, place = self.colour(result.condition.method), self.place(result)
+            values = [value(row) for row in result.rows]
+            if len(values) < LEAST_OF_BOX:
+                axes.plot(np.full(len(values), place), values, "o", color=colour, markersize=4)
+                continue
+            drawn = axes.boxplot(
+                [values],
+                positions=[place],
+                widths=0.7 / len(self.methods),
+                patch_artist=True,
+                manage_ticks=False,
+                flierprops={"markersize": 2},
+                medianprops={"color": style.INK},
+            )
+            drawn["boxes"][0].set_facecolor(colour)
+        axes.set_ylim(bottom=0.0)
+        self.name(axes)
+
+    def draw_success(self, axes: Axes, figures: Sequence[Mapping[str, Any]]) -> None:
+        """Draw success rates with their 95 % intervals over sessions."""
+        for result, cell in zip(self.results, figures, strict=True):
+            rate, (low, high) = 100 * cell["success_rate"], np.multiply(100, cell["success_ci95"])
+            colour, around = self.colour(result.condition.method), [[rate - low], [high - rate]]
+            axes.errorbar(self.place(result), rate, around, fmt="o", capsize=3, color=colour)
+        axes.set_ylim(-3, 103)
+        axes.set_title("success, %, 95 % interval")
+        axes.legend(handles=self.handles(), fontsize=7, loc="lower right")
+        self.name(axes)
+
+
 def draw_paths(results: Sequence[Results[Row]], path: Path) -> Path:
     """Draw the tips' paths over the board of one trial of each cell (Fig. 9), and return the path."""
-    variants, methods = _axes_of(results)
-    pegs = 1e3 * PegSet().board.pegs_m
+    cells, pegs = Cells(results), 1e3 * Pegboard().pegs_m
+    variants, methods = cells.variants, cells.methods
     with style.figure(3.2 * len(methods), 2.5 * len(variants) + 0.4, path) as figure:
         grid = figure.subplots(len(variants), len(methods), squeeze=False, sharex=True, sharey=True)
         for result in results:
@@ -60,21 +123,21 @@ def draw_paths(results: Sequence[Results[Row]], path: Path) -> Path:
     return path
 
 
-def draw_performance(results: Sequence[Results[Row]], cells: Sequence[Mapping[str, Any]], path: Path) -> Path:
+def draw_performance(results: Sequence[Results[Row]], figures: Sequence[Mapping[str, Any]], path: Path) -> Path:
     """Draw success, distance, collisions and completion time (Fig. 10), and return the path."""
-    panels: list[tuple[str, Callable[[Row], float]]] = [
-        ("distance of the tips, m per trial", lambda row: row.path_m),
-        ("collisions per trial", lambda row: float(row.collisions)),
-        ("completion time, s", lambda row: row.duration_s),
-    ]
-    variants, methods = _axes_of(results)
+    panels: dict[str, Callable[[Row], float]] = {
+        "distance of the tips, m per trial": lambda row: row.path_m,
+        "collisions per trial": lambda row: float(row.collisions),
+        "completion time, s": lambda row: row.duration_s,
+    }
+    cells = Cells(results)
     with style.figure(11.0, 3.6, path) as figure:
         grid = figure.subplots(1, 4)
-        _success(grid[0], results, cells, variants, methods)
-        for axes, (name, value) in zip(grid[1:], panels, strict=True):
-            _boxes(axes, results, variants, methods, value)
+        cells.draw_success(grid[0], figures)
+        for axes, (name, value) in zip(grid[1:], panels.items(), strict=True):
+            cells.draw_boxes(axes, value)
             axes.set_title(name)
-        for place, variant in enumerate(variants):
+        for place, variant in enumerate(cells.variants):
             for who, (marker, colour) in PEOPLE.items():
                 at = place + 0.46
                 grid[2].plot(at, COLLISIONS[who], marker, color=colour, markersize=4)
@@ -91,99 +154,14 @@ def draw_performance(results: Sequence[Results[Row]], cells: Sequence[Mapping[st
 
 def draw_motion(results: Sequence[Results[Row]], path: Path) -> Path:
     """Draw velocity, acceleration and jerk of joints and tip (Fig. 11), and return the path."""
-    variants, methods = _axes_of(results)
+    cells = Cells(results)
     units = {"velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
     with style.figure(10.0, 5.6, path) as figure:
         grid = figure.subplots(2, 3)
         for row, (part, unit) in enumerate((("joints", "rad"), ("tip", "m"))):
             for axes, kind in zip(grid[row], KINDS, strict=True):
-                _boxes(axes, results, variants, methods, _value(part, kind))
+                cells.draw_boxes(axes, lambda row, part=part, kind=kind: getattr(row, part)[kind])
                 what = "turning joints" if part == "joints" else "tip"
                 axes.set_title(f"{what}: RMS {kind}, {unit}{units[kind]}", fontsize=9)
-        grid[0, 0].legend(handles=_handles(methods), fontsize=7)
+        grid[0, 0].legend(handles=cells.handles(), fontsize=7)
     return path
-
-
-def _value(part: str, kind: str) -> Callable[[Row], float]:
-    return lambda row: getattr(row, part)[kind]
-
-
-def _axes_of(results: Sequence[Results[Row]]) -> tuple[list[str], list[str]]:
-    """Return variants and methods in order of first occurrence."""
-    return (
-        list(dict.fromkeys(result.condition.name for result in results)),
-        list(dict.fromkeys(result.condition.method for result in results)),
-    )
-
-
-def _place(result: Results[Row], variants: Sequence[str], methods: Sequence[str]) -> float:
-    """Return where a cell stands on the axis: variants one apart, methods beside each other."""
-    width = 0.8 / len(methods)
-    return (
-        variants.index(result.condition.name)
-        + (methods.index(result.condition.method) - (len(methods) - 1) / 2) * width
-    )
-
-
-def _boxes(
-    axes: Axes,
-    results: Sequence[Results[Row]],
-    variants: Sequence[str],
-    methods: Sequence[str],
-    value: Callable[[Row], float],
-) -> None:
-    """Draw a box of each cell's trials: quartiles, whiskers to 1.5 quartile ranges, outliers as points.
-
-    With fewer than ``LEAST_OF_BOX`` trials, each is a point, since quartiles would mean nothing.
-    """
-    for result in results:
-        colour = COLOURS[methods.index(result.condition.method) % len(COLOURS)]
-        if len(result.rows) < LEAST_OF_BOX:
-            at = np.full(len(result.rows), _place(result, variants, methods))
-            axes.plot(at, [value(row) for row in result.rows], "o", color=colour, markersize=4)
-            continue
-        drawn = axes.boxplot(
-            [[value(row) for row in result.rows]],
-            positions=[_place(result, variants, methods)],
-            widths=0.7 / len(methods),
-            patch_artist=True,
-            manage_ticks=False,
-            flierprops={"markersize": 2},
-            medianprops={"color": style.INK},
-        )
-        drawn["boxes"][0].set_facecolor(colour)
-    axes.set_ylim(bottom=0.0)
-    _named(axes, variants)
-
-
-def _success(
-    axes: Axes,
-    results: Sequence[Results[Row]],
-    cells: Sequence[Mapping[str, Any]],
-    variants: Sequence[str],
-    methods: Sequence[str],
-) -> None:
-    """Draw success rates with their 95 % intervals over sessions."""
-    for result, cell in zip(results, cells, strict=True):
-        rate, (low, high) = 100 * cell["success_rate"], np.multiply(100, cell["success_ci95"])
-        axes.errorbar(
-            _place(result, variants, methods),
-            rate,
-            [[rate - low], [high - rate]],
-            fmt="o",
-            capsize=3,
-            color=COLOURS[methods.index(result.condition.method) % len(COLOURS)],
-        )
-    axes.set_ylim(-3, 103)
-    axes.set_title("success, %, 95 % interval")
-    axes.legend(handles=_handles(methods), fontsize=7, loc="lower right")
-    _named(axes, variants)
-
-
-def _named(axes: Axes, variants: Sequence[str]) -> None:
-    axes.set_xticks(range(len(variants)), variants)
-    axes.set_xlim(-0.6, len(variants) - 0.4)
-
-
-def _handles(methods: Sequence[str]) -> list:
-    return [Patch(color=COLOURS[k % len(COLOURS)], label=name) for k, name in enumerate(methods)]

@@ -14,8 +14,7 @@ from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.errors import InvalidInput, MotionRefused
 from trocar.eval import AgentContext
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
-from trocar.tasks.suture.agents.stretches import Aim, Stretch, stretches
+from trocar.tasks.suture.agents.needle_tracker import Aim, NeedleTracker, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
 from trocar.tasks.suture.planning.segments import Segment, cut_short, ranges, retreat, suture_segments
@@ -23,28 +22,21 @@ from trocar.trajectory import Trajectory
 
 KNOT_S = 0.020
 """Spacing of a motion's knots: two control periods."""
-
 TRAVELS = ("lower", "withdraw", "rise")
 """Segments away from tissue and needle, done at travel speed."""
-
 JOINED = 1e-3
 """A segment that starts within this distance (rad, m) of the arm's position continues from there."""
-
 RUN_UP_M = 1.0e-3
 """A corrected start of a path is approached from this far behind it, along the path, so that the outer joints have
 taken up their play in the direction of the motion."""
-
 ENOUGH_M = 0.2e-3
 """A needle's tip estimated to be this close to where it should be is not moved and looked at again. The threshold is
 multiplied by the number of looks there, because each move disturbs the cables again, by some .6 mm."""
-
 LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
 """Shares of the way down that are tried, since its upper end matters least."""
-
 TURNS, SHORT = ("rotate", "push"), (3, 6, 9)
 """If the commands' limits cut a rotation of the needle short, it stops this many waypoints, of 1 deg, early. The path
 after it makes up for the rest, starting from where the needle is seen."""
-
 LOAD = "load needle"
 """A person's action: ``await assistants[LOAD](arm)`` puts the needle between the open jaws and holds it there until
 they close."""
@@ -121,13 +113,8 @@ class CircleSuturing:
         base = cell.T_world_base_registered[self.hand.name]
         setup = replace(planned, arm=self.arm, T_world_base=base, circle=circle)
         self.sutures: list[Suture] = [replace(suture, setup=setup) for suture in context.goals]
-        self.tracker = (
-            NeedleTracker(
-                cell, self.hand, setup, settings.images, settings.sighting_budget_s, settings.searching_budget_s
-            )
-            if settings.images
-            else None
-        )
+        looking = (settings.images, settings.sighting_budget_s, settings.searching_budget_s)
+        self.tracker = NeedleTracker(cell, self.hand, setup, *looking) if settings.images else None
 
     async def run(self) -> None:
         """Drive the sutures one after the other; if the plan itself leaves a joint's range, stop there for good."""
@@ -154,8 +141,7 @@ class CircleSuturing:
     async def _suture(self, number: int, suture: Suture) -> _End:
         """Load, drive, let go; return how it ended.
 
-        If the plan of a suture is within the joints' ranges but its corrections for cables and needle are not, the
-        suture is given up.
+        A suture whose plan is within the joints' ranges, but not its corrections for cables and needle, is given up.
         """
         budget_s = self.settings.planning_budget_s
         *way_in, withdraw, rise = await self.hand.compute("planning", budget_s, lambda: suture_segments(suture))
@@ -245,7 +231,7 @@ class CircleSuturing:
                 await self.hand.go(start)
             except MotionRefused:  # a joint's range ends there; following the path will report it
                 return
-            tracker.adjusted()
+            tracker.estimator.adjusted()
 
     async def _open(self) -> None:
         if self.tracker:
@@ -284,8 +270,7 @@ class CircleSuturing:
     async def _leave(self, number: int, *planned: Segment) -> None:
         """Retreat from where the jaws let go, as planned from a suture's end, as far as possible.
 
-        Corrections that were made for the needle do not apply to empty jaws. Like the plan, the path is cut short where
-        it would leave the joints' ranges.
+        Corrections made for the needle do not apply to empty jaws; the path is cut short as the planned one is.
         """
         off = self.hand.q - next((segment.q[0] for segment in planned if len(segment.q)), self.hand.q)
         from_here = [replace(segment, q=segment.q + off) for segment in planned]
@@ -307,7 +292,7 @@ class CircleSuturing:
             if len(q) > 1:
                 await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
             if self.tracker:
-                self.tracker.moved(segment.length_m)
+                self.tracker.estimator.moved(segment.length_m)
         except MotionRefused as error:
             return f"suture {number + 1}, {segment.name}: {error}; stopped before it"
         return reason

@@ -61,10 +61,7 @@ class NeedleEstimate:
         return NeedleEstimate(self.T_base_needle, DOUBT * self.covariance)
 
     def updated(self, T_base_camera: SE3, seen: NeedleSighting) -> NeedleEstimate | None:
-        """Return the estimate after a sighting that was fitted from here.
-
-        None: the sighting lies further off than chance explains.
-        """
+        """Return the estimate after a sighting fitted from here; None if that lies further off than chance explains."""
         T_base_needle = T_base_camera @ seen.T_camera_needle
         away = (self.T_base_needle.inverse() @ T_base_needle).log()
         known = np.linalg.inv(self.covariance)
@@ -117,10 +114,7 @@ class NeedleEstimator:
     def regrasped(self, needle: NeedleEstimate, T_base_tip: SE3, T_tip_needle: SE3) -> None:
         """Account for the jaws closing elsewhere on a needle that the tissue held meanwhile.
 
-        Args:
-            needle: its estimate before the jaws opened.
-            T_base_tip: where the tip is asked to be now.
-            T_tip_needle: where the needle should lie in the jaws now.
+        The estimate is that from before the jaws opened; the poses are those asked for now.
         """
         self._T_tip_needle_planned = T_tip_needle
         self._forget(GRIP)
@@ -150,15 +144,9 @@ class NeedleEstimator:
         return self._T_tip_needle_planned @ SE3.exp(self._mean[GRIP])
 
     def update(self, T_base_tip: SE3, T_base_camera: SE3, seen: NeedleSighting) -> bool:
-        """Update with what images show of the needle, fitted from where :meth:`needle` predicts it.
+        """Update with a sighting, fitted from where :meth:`needle` predicts it; return whether it was accepted.
 
-        Args:
-            T_base_tip: where the tip was asked to be.
-            T_base_camera: of the images.
-            seen: in them.
-
-        Returns:
-            whether it was accepted; it is not if it lies further off than chance explains.
+        It is not if it lies further off than chance explains.
         """
         before = self.needle(T_base_tip)
         after = before.updated(T_base_camera, seen)

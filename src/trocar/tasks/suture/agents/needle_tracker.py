@@ -1,17 +1,18 @@
-"""Looks at the needle while it is driven, and the corrections of the arm's path that follow from them."""
+"""Looks at the needle while it is driven: where along a suture, what they tell, and how the arm's path is corrected."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import fk, ik_unbounded, ik_with_fixed_wrist
-from trocar.arms.fixed_wrist import OUTER
+from trocar.arms.inverse import OUTER
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, SO3
@@ -20,7 +21,6 @@ from trocar.perception.image import Intrinsics, RgbdImage, Window
 from trocar.perception.instrument_solids import InstrumentSolids
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate, NeedleEstimator
-from trocar.tasks.suture.agents.stretches import Aim, Stretch
 from trocar.tasks.suture.perception import NeedleSighting, search_starts, sight_needle
 from trocar.tasks.suture.planning.primitive import driven_steps, grasp_pose
 from trocar.tasks.suture.planning.segments import Segment
@@ -30,35 +30,122 @@ MISLOADED_M, MISLOADED_RAD = 2.5e-3, 0.25
 """A needle that lies this far from where a person should have put it is loaded again."""
 ROUND_PX = 32
 """Margin around the needle in the pixels that are read out."""
+BEFORE_ENTRY_M = 2e-3
+"""Distance of the last look before the tissue, along the needle's path."""
+PAST_ENTRY_M = 2.5e-3
+"""From there the tip goes in this far without a pause, with the wrist at rest, because cables that reverse would move
+it just at the entry. Also, the unrepeatable errors change within a second: the sooner the tip is there, the better what
+was seen still holds."""
+BEFORE_EXIT_RAD, WELL_BEFORE_EXIT_RAD = np.radians(8.0), np.radians(16.0)
+"""Angle of the last look before the tip comes out, about the needle's centre, and of another before it: after the jaws
+have closed elsewhere, cable errors may bring the tip out early."""
+HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
+"""Greatest number of looks above the tissue, just before the needle goes in, and just before it comes out."""
 
 
-@dataclass(frozen=True, eq=False)
-class PathCorrection:
-    """What a corrected path makes up for.
+class Aim(Enum):
+    """What a correction before a stretch of the path applies to."""
+
+    POSE = "position and attitude"
+    TIP = "the needle's tip alone, by the outer joints: turning the wrist again would reverse its cables"
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of the path without a look.
 
     Attributes:
-        tip_error: (6,) of the arm's tip: shift, m, and rotation, rad, in the base's axes.
-        T_tip_needle: how the needle lies in the jaws.
+        segment: to be followed.
+        first: whether it is the first of its step.
+        looks: maximum number of looks at the needle before it. If more than one is allowed, the arm goes to the
+            stretch's corrected start after each; otherwise it joins the corrected path on the way.
         aim: what is corrected.
         fixed_wrist: whether the wrist does not move at all.
     """
 
-    tip_error: NDArray[np.float64]
-    T_tip_needle: SE3
+    segment: Segment
+    first: bool = True
+    looks: int = 0
     aim: Aim = Aim.POSE
     fixed_wrist: bool = False
+
+
+def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
+    """Return the path divided at the looks: above and before the entry, in each grip, before the exit.
+
+    The arm stops at the surface neither on the way in nor on the way out: when it starts again, reversed cables take up
+    their play, just where the position of the needle's tip counts.
+    """
+    exit_rad = setup.exit_turn_rad
+    steps = {step.name: step for step in driven_steps(setup)}
+    found: list[Stretch] = []
+    for segment in segments:
+        step = steps.get(segment.name)
+        if segment.name == "approach":
+            share = 1.0 - BEFORE_ENTRY_M / max(segment.length_m, BEFORE_ENTRY_M)
+            found += _cut(Stretch(segment, looks=HIGH_LOOKS), share, ENTRY_LOOKS)
+        elif step is None or segment.name == "penetrate":
+            found.append(Stretch(segment))
+        elif step.holds:
+            start, end = step.needle_rad
+            whole = Stretch(segment, looks=0 if segment.name == "rotate" or start > exit_rad else 1)
+            last = exit_rad - BEFORE_EXIT_RAD
+            before, *after = _cut(whole, (last - start) / (end - start), EXIT_LOOKS)
+            if after:
+                after = [*_cut(before, (exit_rad - WELL_BEFORE_EXIT_RAD - start) / (last - start), 1), *after]
+            found += after or [before]
+        else:
+            found.append(Stretch(segment, looks=1 if step.needle_rad[0] < exit_rad else 0))
+    return _joined_at_entry(found)
+
+
+def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
+    """Return a stretch divided at a share of its length, with the last looks in between; whole if it ends before."""
+    segment = whole.segment
+    steps = len(segment.q) - 1
+    place = round(share * steps) if np.isfinite(share) else 0
+    if not 0 < place < steps:
+        return [whole]
+    before = replace(segment, q=segment.q[: place + 1], length_m=segment.length_m * place / steps)
+    after = replace(segment, q=segment.q[place:], length_m=segment.length_m - before.length_m)
+    return [replace(whole, segment=before), Stretch(after, first=False, looks=looks, aim=Aim.TIP)]
+
+
+def _joined_at_entry(found: Sequence[Stretch]) -> list[Stretch]:
+    """Return the stretches with the rest of the approach after the last looks and the tip's entry joined."""
+    joined: list[Stretch] = []
+    for stretch in found:
+        last = joined[-1] if joined else stretch
+        if stretch.segment.name != "penetrate" or last.aim is not Aim.TIP:
+            joined.append(stretch)
+            continue
+        whole, steps = stretch.segment, len(stretch.segment.q) - 1
+        deep = min(steps, max(1, round(PAST_ENTRY_M / max(whole.length_m, PAST_ENTRY_M) * steps)))
+        deep_m = whole.length_m * deep / steps
+        q = np.concatenate([last.segment.q, whole.q[1 : deep + 1]])
+        way = replace(whole, q=q, length_m=last.segment.length_m + deep_m)
+        joined[-1] = replace(last, segment=way, first=True, fixed_wrist=True)
+        if deep < steps:
+            left = replace(whole, q=whole.q[deep:], length_m=whole.length_m - deep_m)
+            joined.append(Stretch(left, first=False, aim=Aim.TIP))
+    return joined
 
 
 class NeedleTracker:
     """Estimates where the needle is from looks at it, and corrects the arm's path accordingly.
 
+    Of several cameras with depth, the one nearest to the circle is used.
+
     Args:
-        cell: with a camera that shows depth; of several, the one nearest to the circle is used.
+        cell: with a camera that shows depth.
         hand: the arm.
         setup: of the sutures, with the registered base and circle.
         images: number per look.
         budget_s: declared for finding the needle in them.
         searching_budget_s: the same if it has to be searched for from several poses.
+
+    Attributes:
+        estimator: of the errors of the arm's tip and of the needle in its jaws.
 
     Raises:
         InvalidInput: no camera shows depth.
@@ -79,50 +166,42 @@ class NeedleTracker:
         holds = [step for step in driven_steps(setup) if step.holds and step.name != "penetrate"]
         self._back_rad = [step.back_rad for step in holds]
         self._p_needle_tip_m = setup.needle.point_m(np.zeros(1))[0]
-        self._estimator = NeedleEstimator()
+        self.estimator = NeedleEstimator()
         self._in_tissue: NeedleEstimate | None = None
         self._grips, self._seen = 0, False
-        self._correction = PathCorrection(np.zeros(6), self._T_tip_needle_planned)
+        self._tip_error, self._T_tip_needle = np.zeros(6), self._T_tip_needle_planned
+        self._aim, self._fixed_wrist = Aim.POSE, False
 
     def loaded(self) -> None:
         """Note that a person has loaded the needle."""
         self._grips, self._in_tissue, self._seen = 0, None, False
-        self._estimator.loaded(self._T_tip_needle_planned)
+        self.estimator.loaded(self._T_tip_needle_planned)
 
     def forget(self) -> None:
         """Discard everything seen so far."""
-        self._estimator = NeedleEstimator()
+        self.estimator = NeedleEstimator()
 
     @property
     def well_loaded(self) -> bool:
         """Return whether the needle was seen in the jaws, about as a person should have put it there."""
-        off = (self._T_tip_needle_planned.inverse() @ self._estimator.T_tip_needle).log()
+        off = (self._T_tip_needle_planned.inverse() @ self.estimator.T_tip_needle).log()
         return self._seen and bool(np.linalg.norm(off[:3]) < MISLOADED_M and np.linalg.norm(off[3:]) < MISLOADED_RAD)
 
     def released(self) -> None:
         """Note that the jaws are about to open, and the tissue holds the needle."""
-        self._in_tissue = self._estimator.needle(self._T_base_tip)
+        self._in_tissue = self.estimator.needle(self._T_base_tip)
 
     def gripped(self) -> None:
         """Note that the jaws have closed again on the needle."""
         self._grips += 1
         if self._in_tissue is not None:
-            self._estimator.regrasped(self._in_tissue, self._T_base_tip, self._T_tip_needle_planned)
+            self.estimator.regrasped(self._in_tissue, self._T_base_tip, self._T_tip_needle_planned)
         self._in_tissue = None
-
-    def moved(self, length_m: float) -> None:
-        """Note that the jaws have moved by this distance."""
-        self._estimator.moved(length_m)
-
-    def adjusted(self) -> None:
-        """Note that the arm was corrected a little."""
-        self._estimator.adjusted()
 
     def aim(self, stretch: Stretch) -> None:
         """Correct the path from now on by the estimates of arm and needle."""
-        self._correction = PathCorrection(
-            self._estimator.tip_error, self._estimator.T_tip_needle, stretch.aim, stretch.fixed_wrist
-        )
+        self._tip_error, self._T_tip_needle = self.estimator.tip_error, self.estimator.T_tip_needle
+        self._aim, self._fixed_wrist = stretch.aim, stretch.fixed_wrist
 
     def path(self, stretch: Stretch) -> Segment:
         """Return the corrected segment of a stretch, from where the arm is to where it should be at the end."""
@@ -143,36 +222,33 @@ class NeedleTracker:
         if not len(segment.q):
             return segment
         T_base_tip = fk(self._hand.model, segment.q)
-        if self._in_tissue is None and self._correction.aim is Aim.TIP:
-            with suppress(OutOfReach):
-                return replace(segment, q=self._with_planned_wrist(segment.q))
         if self._in_tissue is None:
-            wanted = T_base_tip @ self._T_tip_needle_planned @ self._correction.T_tip_needle.inverse()
+            if self._aim is Aim.TIP:
+                with suppress(OutOfReach):
+                    return replace(segment, q=self._with_planned_wrist(segment.q))
+            wanted = T_base_tip @ self._T_tip_needle_planned @ self._T_tip_needle.inverse()
         else:
             planned = T_base_tip[0] @ self._T_tip_needle_planned
             wanted = self._in_tissue.T_base_needle @ planned.inverse() @ T_base_tip
         return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
 
     def _with_planned_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return joints (k, 6) that take the needle's tip along its path, with the wrist turning only as planned.
-
-        The needle keeps its orientation error.
-        """
-        off, T_tip_needle = self._correction.tip_error, self._correction.T_tip_needle
-        wanted_m = (self._fk(planned) @ self._T_tip_needle_planned).apply(self._p_needle_tip_m) - off[:3]
+        """Return joints (k, 6) that take the needle's tip along its path, turning the wrist as planned and no more."""
+        off = self._tip_error
+        wanted_m = (fk(self._hand.model, planned) @ self._T_tip_needle_planned).apply(self._p_needle_tip_m) - off[:3]
         q = planned.copy()
-        turning = 0.0 if self._correction.fixed_wrist else 1.0
+        turning = 0.0 if self._fixed_wrist else 1.0
         q[:, OUTER:] = self._hand.q[OUTER:] + turning * (planned - planned[0])[:, OUTER:]
         for _ in range(2):  # the error of the jaws' position depends on the orientation that is found
-            R = self._fk(q).rotation
-            held_m = (R.inverse() @ SO3.exp(off[3:]) @ R).apply(T_tip_needle.apply(self._p_needle_tip_m))
+            R = fk(self._hand.model, q).rotation
+            held_m = (R.inverse() @ SO3.exp(off[3:]) @ R).apply(self._T_tip_needle.apply(self._p_needle_tip_m))
             places = zip(q, wanted_m, held_m, strict=True)
             q = np.array([ik_with_fixed_wrist(self._hand.model, *place) for place in places])
         return q
 
     def _commanded(self, T_base_tip: SE3) -> SE3:
         """Return where the tip has to be commanded, with the path's corrections, to reach poses of any batch."""
-        off = self._correction.tip_error
+        off = self._tip_error
         return SE3.from_parts(SO3.exp(-off[3:]) @ T_base_tip.rotation, T_base_tip.translation_m - off[:3])
 
     async def look(self) -> bool:
@@ -201,9 +277,8 @@ class NeedleTracker:
 
     def tip_shift_m(self, q: NDArray[np.float64]) -> float:
         """Return how far the needle's tip would go if the arm went to these joints (6,)."""
-        now, then = (
-            self._estimator.needle(T).T_base_needle.apply(self._p_needle_tip_m) for T in (self._T_base_tip, self._fk(q))
-        )
+        poses = (self._T_base_tip, fk(self._hand.model, q))
+        now, then = (self.estimator.needle(T).T_base_needle.apply(self._p_needle_tip_m) for T in poses)
         return float(np.linalg.norm(then - now))
 
     def _window(self, expected: NeedleEstimate) -> Window:
@@ -219,7 +294,7 @@ class NeedleTracker:
         """Find the needle in images; the instrument may hide it."""
         T_camera_base, T_base_tip = self._T_base_camera.inverse(), self._T_base_tip
         solids = InstrumentSolids.of(self._hand.model, self._hand.q, self._hand.jaw_rad)
-        T_solids_camera = T_base_tip @ self._estimator.tip(T_base_tip).inverse() @ self._T_base_camera
+        T_solids_camera = T_base_tip @ self.estimator.tip(T_base_tip).inverse() @ self._T_base_camera
         return sight_needle(
             images,
             T_camera_base @ expected.T_base_needle,
@@ -232,21 +307,18 @@ class NeedleTracker:
     def _update(self, seen: NeedleSighting) -> bool:
         """Update the estimate with what was seen; return whether it is accepted."""
         if self._in_tissue is None:
-            return self._estimator.update(self._T_base_tip, self._T_base_camera, seen)
+            return self.estimator.update(self._T_base_tip, self._T_base_camera, seen)
         after = self._in_tissue.updated(self._T_base_camera, seen)
         self._in_tissue = after or self._in_tissue.doubted()
         return after is not None
 
     @property
     def _estimate(self) -> NeedleEstimate:
-        return self._in_tissue or self._estimator.needle(self._T_base_tip)
+        return self._in_tissue or self.estimator.needle(self._T_base_tip)
 
     @property
     def _T_base_tip(self) -> SE3:
-        return self._fk(self._hand.q)
-
-    def _fk(self, q: NDArray[np.float64]) -> SE3:
-        return fk(self._hand.model, q)
+        return fk(self._hand.model, self._hand.q)
 
     @property
     def _T_tip_needle_planned(self) -> SE3:

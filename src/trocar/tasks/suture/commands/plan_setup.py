@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
+from trocar.arms import ARMS
 from trocar.cli.group import Result
 from trocar.cli.options import Seed
 from trocar.cli.out_folder import check_out_folder
@@ -15,8 +17,8 @@ from trocar.counting import counted
 from trocar.errors import InvalidValue, UnknownName
 from trocar.files.output import PICTURE, write_json
 from trocar.tasks.suture.commands import options
-from trocar.tasks.suture.planning import PRESETS, dexterity
-from trocar.tasks.suture.planning.parameters import SEARCHED, parameters_of, shown_parameter
+from trocar.tasks.suture.planning import PRESETS, SutureSetup, dexterity
+from trocar.tasks.suture.planning.setup import SEARCHED, parameters_of, shown_parameter
 
 POSITIONS = 360
 KIND = "setup for sutures"
@@ -41,9 +43,6 @@ def setup(
     ] = None,
     evaluations: Annotated[int, typer.Option(help="Approximate number of setups to evaluate.")] = 2000,
     seed: Seed = 0,
-    any_grasp: Annotated[
-        bool, typer.Option("--any-grasp", help="Also allow grasps in which flat jaws could not hold the needle.")
-    ] = False,
     arm: options.ArmName = None,
     count: Annotated[int, typer.Option(help="Number of sutures.")] = 4,
     min_gap_deg: options.MinGap = None,
@@ -56,7 +55,7 @@ def setup(
     preset. Exit code 1: no feasible plan was found.
     """
     from trocar.tasks.suture.planning.setup_search import CERTIFIED, GROUPS, search_setup
-    from trocar.tasks.suture.report.plan_summary import finite, tissue_summary
+    from trocar.tasks.suture.planning.summary import finite, tissue_summary
 
     chosen = options.pick(PRESETS, preset, "preset")
     check_out_folder(out, FILES)
@@ -67,11 +66,10 @@ def setup(
             dexterity(chosen.setup, chosen.reward, POSITIONS),
             list(dict.fromkeys(names)),
             rng=np.random.default_rng(seed),
-            setup=options.setup_of(chosen, arm, {}),
+            setup=chosen.setup if arm is None else replace(chosen.setup, arm=options.pick(ARMS, arm, "arm")),
             bounds=dict(_bound(text) for text in bound or ()),
             planner=planner,
             evaluations=evaluations,
-            holdable=not any_grasp,
             progress=lambda done, total: tick("setups", done, total),
         )
     asked = {"--arm": arm, "--min-gap-deg": min_gap_deg, "--max-gap-deg": max_gap_deg}
@@ -94,7 +92,7 @@ def setup(
         "directions": found.plan.directions.tolist(),
         **tissue_summary(found.best.setup, found.plan),
         "manipulability_source": found.best.source,
-        "command": " ".join(["trocar plan suture", *words, *options.written(found.best.setup, chosen.setup)]),
+        "command": " ".join(["trocar plan suture", *words, *as_options(found.best.setup, chosen.setup)]),
     }
     summary = finite(summary)
     if out is not None:
@@ -103,6 +101,20 @@ def setup(
         summary["files"] = [str(out / "setup.json"), str(draw_plan(found.best, found.plan, out / "plan.png"))]
         write_json(out / "setup.json", summary, KIND)
     return Result(summary, _lines(summary), succeeded=found.plan.feasible)
+
+
+def as_options(setup: SutureSetup, preset: SutureSetup) -> list[str]:
+    """Return the options of ``plan suture`` that turn a preset's setup into this one, apart from arm and insertion."""
+    was, now = parameters_of(preset), parameters_of(setup)
+    texts = []
+    for name, value in now.items():
+        scale, said = shown_parameter(name)
+        if scale * abs(value - was[name]) > 1e-9:
+            texts.append(f"--{said.replace('_', '-')} {scale * value:.9g}")
+    was_mm, now_mm = (1e3 * one.circle.T_world_circle.translation_m for one in (preset, setup))
+    if np.abs(now_mm - was_mm).max() > 1e-9:
+        texts.append("--center-mm " + " ".join(f"{value:.9g}" for value in now_mm))
+    return texts
 
 
 def _si_name(name: str, groups: tuple[str, ...] = ()) -> str:
@@ -132,11 +144,15 @@ def _in_mm_and_deg(name: str, values: dict[str, float]) -> dict[str, Any]:
 
 def _lines(summary: dict[str, Any]) -> list[Any]:
     """Return the setup found and the command that plans with it, to be printed."""
-    from trocar.tasks.suture.report.plan_summary import setup_table, tissue_warnings
+    from trocar.tasks.suture.planning.summary import tissue_warnings
 
     was = f"{summary['start_reward']:.4f}" if summary["start_feasible"] else "no feasible plan"
+    rows = [
+        (number["name"].replace("_", " "), *(f"{number[key]:.1f}" for key in ("from", "to", "low", "high")))
+        for number in summary["free"]
+    ]
     return [
-        setup_table(summary["free"]),
+        options.table("The best setup found", ("parameter", "preset", "found", "from", "to"), rows),
         f"worst suture {summary['reward']:.4f}, with the preset {was}, at the same scale",
         f"{summary['certified']}; {counted(summary['evaluations'], 'setup')} evaluated",
         f"manipulability: {summary['manipulability_source']}",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import typer
+from rich.table import Table
 
 from trocar.cli.group import Result
 from trocar.cli.out_folder import check_out_folder
@@ -16,7 +18,6 @@ KIND = "study of sutures"
 DRAWN = ("figures", "table_1", *(f"figure_{number}" for number in range(3, 8)))
 FILES = {"summary.json": KIND, **{f"{name}.png": PICTURE for name in DRAWN}}
 """The files that are written, with their kinds."""
-
 CAVEAT = (
     "Table I identifies neither the setup nor the formula: other bases, needles and grasps come within 1.9 points of "
     "each entry with each formula of the margin (docs/sutures.md)"
@@ -32,7 +33,7 @@ def suture(
 ) -> Result:
     """Print Table I of the circle-suture paper beside ours, the changes of direction, and the sweep over lambda."""
     from trocar.tasks.suture.planning.study import study
-    from trocar.tasks.suture.report.plan_summary import finite
+    from trocar.tasks.suture.planning.summary import finite
 
     chosen = options.pick(PRESETS, preset, "preset")
     check_out_folder(out, FILES)
@@ -48,22 +49,36 @@ def suture(
 
 def _tables(summary: dict[str, Any]) -> list[Any]:
     """Return the tables, and which conclusions they support."""
-    from trocar.tasks.suture.report.plan_summary import gains_table, points_table, sweep_table
-
-    table = summary["table_1"]
+    found, sweep = summary["table_1"], summary["lambda_sweep"]
     switches, paper = (", ".join(f"{a:.4g}" for a in summary[key]) for key in ("switches_deg", "paper_switches_deg"))
     angles, limits = (" / ".join(f"{a:.0f}" for a in summary[key]) for key in ("largest_wrist_deg", "wrist_limits_deg"))
+    columns = ("lambda", *(f"{weight:g}" for weight in sweep["weights"]))
+    row = ("theta", *(f"{angle:.4g}" for angle in sweep["best_theta_deg"]))
+    title = "Fig. 7: theta of the first suture, deg, of the best plan at each lambda"
     return [
-        points_table(table["points"], table["paper_points"]),
-        gains_table(table["gains"], table["paper_gains"]),
+        options.points_table(found["points"], found["paper_points"]),
+        _gains_table(found["gains"], found["paper_gains"]),
         f"the better direction changes at {switches} deg (paper {paper})",
         f"largest roll / wrist pitch / wrist yaw: {angles} deg, limits {limits} deg",
         f"positions where the chosen direction is beyond a limit: {summary['infeasible_positions']} "
         f"of {summary['positions']}",
-        sweep_table(summary["lambda_sweep"]),
+        options.table(title, columns, [row]),
         _swept(summary),
         f"manipulability, arm 1: {summary['manipulability_source']}; arm 2: {summary['assistant_source']}",
     ]
+
+
+def _gains_table(gains: Mapping[str, Mapping[str, float]], paper: Mapping[str, Mapping[str, float]]) -> Table:
+    """Return the best plan's gains over baselines, ours and of the paper's Table I, whose text calls points percent."""
+    table = Table(title="Gain of the best plan")
+    table.add_column("over")
+    for column in ("points", "paper", "ratio", "paper"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for name, ours in gains.items():
+        both = (ours, paper[name])
+        ratios = ("-" if gain["ratio_percent"] is None else f"{gain['ratio_percent']:.1f} %" for gain in both)
+        table.add_row(name, *(f"{gain['points']:.1f}" for gain in both), *ratios)
+    return table
 
 
 def _swept(summary: dict[str, Any]) -> str:

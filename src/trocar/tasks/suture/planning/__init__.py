@@ -1,11 +1,9 @@
 """Where to place stay sutures round a circle, and in which direction to drive each (Thananjeyan et al. 2019)."""
 
 from trocar.tasks.suture.needle import Needle
-from trocar.tasks.suture.planning.grid import plan_even, plan_gaps
-from trocar.tasks.suture.planning.joints import SutureJoints, suture_joints
+from trocar.tasks.suture.planning.grid import plan_even, plan_gaps, refined
 from trocar.tasks.suture.planning.plan import Spacing, SuturePlan
-from trocar.tasks.suture.planning.primitive import Suture, sutures_at
-from trocar.tasks.suture.planning.refine import refined
+from trocar.tasks.suture.planning.primitive import Suture, SutureJoints, suture_joints, sutures_at
 from trocar.tasks.suture.planning.rewards import MARGINS, PRESETS, DexterityMap, Preset, Reward, dexterity
 from trocar.tasks.suture.planning.setup import (
     CLOCKWISE,

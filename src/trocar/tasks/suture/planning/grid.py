@@ -1,13 +1,14 @@
-"""The best plans on a grid: evenly spaced sutures (the paper's problem), or bounded gaps, arcs, fixed places, tension.
+"""The best plans: on a grid, evenly spaced (the paper's problem) or within bounds, and at any angles.
 
-A plan is a closed walk round the circle whose steps are the gaps. Its worst suture counts, so this is a bottleneck
-problem, solved by dynamic programming over the steps, from all starts at once.
+A plan is a closed walk round the circle whose steps are the gaps. Its worst suture counts, so on a grid this is a
+bottleneck problem, solved by dynamic programming over the steps, from all starts at once. At any angles, a local search
+begins at the best plan of the grid.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -15,11 +16,19 @@ from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput
 from trocar.geometry import TURN, shown
-from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, check_count, plan_on_grid, ranks
+from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, check_count
 from trocar.tasks.suture.planning.rewards import DexterityMap
+from trocar.tasks.suture.planning.setup import DIRECTIONS
 
 ON_GRID = 1e-9
 """A fixed position, or the bound of a gap, may miss the grid by this share of a step: rounding."""
+FINEST_RAD = 1e-6
+"""The search at any angles ends when a step is shorter than this."""
+LONGEST_RUN = 12
+"""There, at most so many neighbours move together, or all sutures do."""
+SLACK = 1e-9
+"""There, gaps and fixed positions may be missed by this many rad: rounding."""
+UNPROVEN = "refined from the best plan on the grid by a local search; nothing is proven for any angles"
 
 
 def plan_even(map: DexterityMap, count: int = 4) -> SuturePlan:
@@ -27,10 +36,6 @@ def plan_even(map: DexterityMap, count: int = 4) -> SuturePlan:
 
     Manipulability does not depend on the direction, so each suture takes its better direction (paper, III-D1), and only
     the start remains to be chosen, from a ``count``-th of the circle: 90 plans, not 1440.
-
-    Args:
-        map: dexterity of the sutures on the grid.
-        count: number of sutures.
 
     Raises:
         InvalidInput: the positions of the map cannot be divided by ``count``.
@@ -75,17 +80,9 @@ class Walks:
     max_step: int
     through: tuple[int, ...] = ()
 
-    def within(self, longer_than: float, shorter_than: float) -> Walks:
-        """Return the walks whose steps are also strictly longer and shorter than these numbers of positions."""
-        inner, outer = math.floor(longer_than + ON_GRID) + 1, math.ceil(shorter_than - ON_GRID) - 1
-        return replace(self, min_step=max(self.min_step, inner), max_step=min(self.max_step, outer))
-
     @property
     def starts(self) -> NDArray[np.intp]:
-        """Return positions (s,) of which every closed walk visits at least one.
-
-        These are the first fixed position or, without one, an arc that no step passes over.
-        """
+        """Return positions (s,) of which each walk visits one: the first fixed, or an arc that no step passes over."""
         return np.array(self.through[:1]) if self.through else np.arange(min(self.max_step, self.positions))
 
     @property
@@ -122,12 +119,8 @@ class Walks:
     def best(self, rank: NDArray[np.intp], values: NDArray[np.float64]) -> NDArray[np.intp] | None:
         """Return the closed walk (steps,) whose lowest rank is highest; None if none closes.
 
-        Of several, it is the one with the largest sum of values; ties go to the first start, then to the shortest last
-        steps.
-
-        Args:
-            rank: of each position (p,); no walk goes where it is negative.
-            values: of each position (p,).
+        Ranks and values are those of the positions (p,); no walk goes where the rank is negative. Of several walks, it
+        is the one with the largest sum of values; ties go to the first start, then to the shortest last steps.
         """
         starts = self.starts
         lowest = self.layers(np.where(rank >= 0, rank, -np.inf), starts, np.minimum)[-1][:, -1]
@@ -148,22 +141,15 @@ class Walks:
 def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
     """Return the best plan on the map's grid: a proven optimum, not a sampled one.
 
-    The objective, each time minus the cost of tension, is:
+    The objective is:
 
     - if the reward puts feasibility first and any plan is feasible: the worst dexterity, over feasible plans;
     - if the reward does and no plan is feasible: the worst dexterity of the infeasible sutures alone, since these stand
       in the way; the plan's ``bound`` refers to these sutures;
     - with other rewards: the worst dexterity, over all plans, feasible or not.
 
-    Without tension the result is exact to the last bit, and of plans with equal worst sutures the one with the largest
-    sum of dexterities is returned. With tension, plans with more and more even gaps are tried, as long as their lower
-    tension cost could make up for the dexterity that they lose. Positions on the ends of forbidden arcs are allowed;
-    fixed positions must lie on the grid.
-
-    Args:
-        map: dexterity of the sutures on the grid.
-        count: number of sutures.
-        spacing: constraints on their positions, and the cost of uneven gaps.
+    It is exact to the last bit, and of plans with equal worst sutures the one with the largest sum of dexterities is
+    returned. Positions on the ends of forbidden arcs are allowed; fixed positions must lie on the grid.
 
     Raises:
         InvalidInput: no plan can meet the spacing; names the numbers that prevent it.
@@ -175,37 +161,15 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
         >>> round(plan.reward, 3), plan.feasible
         (0.656, True)
     """
-    check_spacing(count, spacing)
+    spacing.check(count)
     walks = walks_on_grid(len(map.thetas_rad), count, spacing)
     every = ranks(map)
     choice, rank = np.argmax(every, axis=0), every.max(0)
     rank[~spacing.allows(map.thetas_rad)] = -1
-    best = tried = _best(map, walks, rank, choice, spacing.tension)
-    if best is None:
-        raise _no_way(count, spacing, len(rank))
-    if best.feasible and map.reward.feasible_first:
-        rank[~map.joints.feasible.any(0)] = -1
-    # ``bound + tension_cost`` is the worst dexterity of the plan just tried. More even plans can only lose dexterity:
-    # once it is below the best value, not even saving the whole tension cost makes up for that.
-    while tried and tried.bound + tried.tension_cost > best.bound:
-        even = len(rank) / count
-        walks = walks.within(even * (1 - tried.unevenness), even * (1 + tried.unevenness))
-        tried = _best(map, walks, rank, choice, spacing.tension)
-        if tried and tried.bound >= best.bound:
-            best = tried
-    return best
-
-
-def _best(
-    map: DexterityMap, walks: Walks, rank: NDArray[np.intp], choice: NDArray[np.intp], tension: float
-) -> SuturePlan | None:
-    """Return the plan with the best worst suture; tension is charged to its value, but does not affect the choice."""
     where = walks.best(rank, np.take_along_axis(map.values, choice[None], 0)[0])
     if where is None:
-        return None
-    even = len(rank) / len(where)
-    uneven = np.abs(np.diff(where, append=where[0] + len(rank)) - even).max() / even
-    return plan_on_grid(map, where, choice[where], tension * float(uneven))
+        raise _no_way(count, spacing, len(rank))
+    return plan_on_grid(map, where, choice[where])
 
 
 def walks_on_grid(positions: int, count: int, spacing: Spacing) -> Walks:
@@ -230,28 +194,6 @@ def walks_on_grid(positions: int, count: int, spacing: Spacing) -> Walks:
     return Walks(positions, count, min_step, max_step, tuple(sorted({int(k) % positions for k in through})))
 
 
-def check_spacing(count: int, spacing: Spacing) -> None:
-    """Raise InvalidInput if the gaps cannot add up to a turn, or the fixed positions contradict the rest."""
-    check_count(count)
-    min_deg, max_deg = math.degrees(spacing.min_gap_rad), math.degrees(spacing.max_gap_rad)
-    if not count * min_deg <= 360 * (1 + 1e-9) or not count * max_deg >= 360 * (1 - 1e-9):
-        raise InvalidInput(
-            f"{count} gaps of {min_deg:g} to {max_deg:g} deg",
-            f"add up to {count * min_deg:g} to {count * max_deg:g} deg, not to 360",
-            f"give a smallest gap of at most {360 / count:g} deg and a largest gap of at least that, or another number "
-            "of sutures",
-        )
-    if len(spacing.fixed_rad) > count:
-        raise InvalidInput(
-            f"{len(spacing.fixed_rad)} positions", f"are fixed, but only {count} sutures are planned", "plan more"
-        )
-    for angle, allowed in zip(spacing.fixed_rad, spacing.allows(spacing.fixed_rad), strict=True):
-        if not allowed:
-            raise InvalidInput(
-                f"the fixed position {shown(angle, 'rad', 'g')}", "lies in a forbidden arc", "move one of the two"
-            )
-
-
 def _no_way(count: int, spacing: Spacing, positions: int) -> InvalidInput:
     """Return the error for a spacing that no plan meets, although its gaps could add up to a turn."""
     arcs = ", ".join(f"{math.degrees(a):g} to {math.degrees(b):g}" for a, b in spacing.forbidden_rad) or "none"
@@ -262,3 +204,87 @@ def _no_way(count: int, spacing: Spacing, positions: int) -> InvalidInput:
         f"outside the forbidden arcs ({arcs} deg) and cover the fixed positions ({fixed} deg)",
         "widen the gaps' bounds, shorten an arc or free a position",
     )
+
+
+def ranks(map: DexterityMap) -> NDArray[np.intp]:
+    """Return the ranks (2, n) of all sutures, 0 the worst: by feasibility if the reward puts it first, then dexterity.
+
+    Ties in dexterity, as with lambda = 0, are decided by the joint margin. The plan whose worst suture ranks highest is
+    the lexicographic optimum: any feasible plan beats any other, then the worst suture counts.
+    """
+    first = map.joints.feasible if map.reward.feasible_first else np.zeros(map.values.shape, dtype=bool)
+    keys = np.stack([map.margin.ravel(), map.values.ravel(), first.ravel()])
+    order = np.lexsort(keys)
+    found = np.zeros(order.size, dtype=np.intp)
+    found[order[1:]] = np.cumsum((np.diff(keys[:, order]) != 0).any(0))
+    return found.reshape(map.values.shape)
+
+
+def plan_on_grid(map: DexterityMap, where: NDArray[np.intp], choice: NDArray[np.intp]) -> SuturePlan:
+    """Return the best plan of a grid with its bound, from its positions (n,) there and rows (n,) of directions."""
+    order = np.argsort(where)
+    where, choice = where[order], choice[order]
+    rewards, feasible = map.values[choice, where], map.joints.feasible[choice, where]
+    first, grid = map.reward.feasible_first, f"no plan on the grid of {len(map.thetas_rad)} positions"
+    worst = rewards if feasible.all() or not first else rewards[~feasible]
+    if feasible.all():
+        certified = f"{grid} scores higher"
+    elif first:
+        certified = f"{grid} is feasible, and none has a better worst infeasible suture"
+    else:
+        certified = f"{grid} scores higher, within the joints' limits or not"
+    directions, bound = np.array(DIRECTIONS)[choice], float(worst.min())
+    return SuturePlan(map.thetas_rad[where], directions, rewards, bool(feasible.all()), bound, certified)
+
+
+def refined(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan:
+    """Return a plan at any angles that is at least as good as a plan on the map's grid that meets the spacing.
+
+    A pattern search: a run of neighbouring sutures moves by a step, either way; the best such move is made or, if none
+    is better, the step halved. Neighbours move together because gaps at their bounds couple them. As on the grid, the
+    worst suture counts; among infeasible plans, if the reward puts feasibility first, the worst infeasible one.
+    """
+    thetas = plan.positions_rad
+    n = len(thetas)
+    runs = _runs(n)
+    step = TURN / len(map.thetas_rad) / 2
+    while step >= FINEST_RAD:
+        shifts = step * np.concatenate([np.zeros((1, n)), runs, -runs])
+        here, ahead, behind = np.split(np.arange(3 * n), 3)
+        near = map.at(np.concatenate([thetas, thetas + step, thetas - step]))
+        which = np.where(shifts > 0, ahead, np.where(shifts < 0, behind, here))
+        scores = _scores(near.best[which], near.feasible[which], map.reward.feasible_first)
+        kept = _meets(spacing, thetas + shifts)
+        kept[0] = True  # where the search stands, whatever rounding did
+        best = int(np.argmax(np.where(kept, scores, -np.inf)))
+        if best:
+            thetas = thetas + shifts[best]
+        else:
+            step /= 2
+    thetas = np.sort(np.mod(thetas, TURN))
+    at = map.at(thetas)
+    return SuturePlan(thetas, at.directions, at.best, bool(at.feasible.all()), math.inf, UNPROVEN)
+
+
+def _runs(n: int) -> NDArray[np.float64]:
+    """Return which (m, n) of n sutures round the circle move together: 1 for those that do."""
+    first = np.eye(n)
+    lengths = range(1, min(n - 1, LONGEST_RUN) + 1)
+    runs = [sum(np.roll(first, k, axis=1) for k in range(length)) for length in lengths]
+    return np.concatenate([*runs, np.ones((1, n))])
+
+
+def _scores(rewards: NDArray[np.float64], feasible: NDArray[np.bool_], feasible_first: bool) -> NDArray[np.float64]:
+    """Return the scores (m,) of plans (m, n); an infeasible one is below any feasible one, if that comes first."""
+    worst = rewards.min(1)
+    if not feasible_first:
+        return worst
+    return np.where(feasible.all(1), worst, np.where(feasible, np.inf, rewards).min(1) - 1e9)
+
+
+def _meets(spacing: Spacing, thetas_rad: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which plans (m, n) meet the spacing."""
+    gaps = np.diff(thetas_rad, append=thetas_rad[:, :1] + TURN)
+    off = np.abs(np.mod(thetas_rad[..., None] - spacing.fixed_rad + np.pi, TURN) - np.pi).min(1)
+    bounded = (gaps >= spacing.min_gap_rad - SLACK) & (gaps <= spacing.max_gap_rad + SLACK)
+    return bounded.all(1) & spacing.allows(thetas_rad).all(1) & (off <= SLACK).all(1)

@@ -1,4 +1,4 @@
-"""The needle primitive: poses of needle and jaws while a suture is driven (paper, Fig. 2 and section IV-A1).
+"""The needle primitive (paper, Fig. 2 and section IV-A1): poses of needle and jaws, and the arm's joints along it.
 
 In the circle's frame a suture at theta heads along ``h`` (clockwise: minus the tangent); ``n`` is the tissue's normal.
 The needle's tip first enters straight along ``t = cos(entry) h - sin(entry) n``, then rotates about the needle's
@@ -11,19 +11,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.arms import ArmModel, ik_unbounded, wrist_depth_m
 from trocar.errors import InvalidValue
-from trocar.geometry import SE3, SO3, shown
+from trocar.geometry import SE3, SO3, TURN, shown
+from trocar.geometry.arrays import finite
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
 """An arm that drives the needle does not release it within these rotations before and after its tip comes out."""
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
 """Spacing of the waypoints along a path."""
+LIMIT_TOLERANCE = 1e-9
+INSERTION, ROLL = 2, 3
 
 
 @dataclass(frozen=True)
@@ -105,12 +110,8 @@ def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) 
     """Return the needle's poses (2, k) in the circle's frame at theta = 0, one row per direction of ``DIRECTIONS``.
 
     The needle's frame has its origin at the centre of curvature, x along the motion of the tip, y from the tip to the
-    centre, and z normal to its plane.
-
-    Args:
-        setup: needle, circle, insertion.
-        advance_m: (k,) travel along the straight penetration.
-        turn_rad: (k,) rotation about the needle's centre after it.
+    centre, and z normal to its plane. The needle travels (k,) along the straight penetration, then turns (k,) about its
+    centre.
     """
     advance, turn = np.broadcast_arrays(np.asarray(advance_m, float), np.asarray(turn_rad, float))
     down = setup.insertion.entry_angle_rad
@@ -177,13 +178,7 @@ def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Pat
 
 @dataclass(frozen=True)
 class Suture:
-    """One suture: where it stands on the circle, and which way it is driven.
-
-    Attributes:
-        setup: the geometry.
-        theta_rad: its position on the circle.
-        direction: one of ``DIRECTIONS``.
-    """
+    """One suture: the geometry, its position on the circle, and its direction, one of ``DIRECTIONS``."""
 
     setup: SutureSetup
     theta_rad: float
@@ -261,3 +256,79 @@ def sutures_at(setup: SutureSetup, positions_rad: ArrayLike, directions: ArrayLi
     """Return the sutures at positions (n,) in directions (n,)."""
     both = zip(np.asarray(positions_rad).tolist(), np.asarray(directions).tolist(), strict=True)
     return tuple(Suture(setup, theta, direction) for theta, direction in both)
+
+
+@dataclass(frozen=True, eq=False)
+class SutureJoints:
+    """Configurations of the arm along sutures.
+
+    Attributes:
+        arm: the arm.
+        thetas_rad: (n,) positions on the circle.
+        q: (2, n, k, 6) one row per direction of ``DIRECTIONS``, at the k samples of ``path_samples``; rad and m. NaN
+            where the arm has no real solution. The roll is continuous, in the winding that stays nearest to the middle
+            of its range.
+        station: (k,) which samples are stations.
+    """
+
+    arm: ArmModel
+    thetas_rad: NDArray[np.float64]
+    q: NDArray[np.float64]
+    station: NDArray[np.bool_]
+
+    @cached_property
+    def excess(self) -> NDArray[np.float64]:
+        """Return how far each joint leaves its range at worst (2, n, 6), rad or m; infinite where q is NaN."""
+        outside = np.maximum(self.arm.lower - self.q.min(2), self.q.max(2) - self.arm.upper)
+        return np.where(np.isfinite(outside), np.maximum(outside, 0.0), np.inf)
+
+    @cached_property
+    def too_shallow_m(self) -> NDArray[np.float64]:
+        """Return by how much (2, n) the wrist falls short of the safe depth at worst; infinite where q is NaN."""
+        short_m = self.arm.safe_depth_m - wrist_depth_m(self.arm, self.q).min(2)
+        return np.where(np.isfinite(short_m), np.maximum(short_m, 0.0), np.inf)
+
+    @cached_property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Return which sutures (2, n) keep all joints within their limits and the wrist at its safe depth."""
+        return (self.excess <= LIMIT_TOLERANCE).all(-1) & (self.too_shallow_m <= LIMIT_TOLERANCE)
+
+    @cached_property
+    def largest_wrist_rad(self) -> NDArray[np.float64]:
+        """Return the paper's q_max (2, n, 3): the largest |angle| of roll, wrist pitch and yaw at the stations."""
+        return np.abs(self.q[:, :, self.station, 3:]).max(2)
+
+
+def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
+    """Return the joints along the sutures at these positions (n,), in both directions, in closed form.
+
+    Raises:
+        InvalidInput: a position is not finite.
+    """
+    thetas = np.atleast_1d(finite("positions of sutures", thetas_rad, ...))
+    samples = path_samples(setup)
+    # A suture at theta is the one at 0 rotated about the circle's axis, T_base_circle Rz(theta) T_circle_tip, and Rz is
+    # linear in 1, cos and sin: a sum of three terms replaces two matrix products per sample and position.
+    parts = np.zeros((3, 4, 4))
+    parts[0, 2, 2] = parts[0, 3, 3] = parts[1, 0, 0] = parts[1, 1, 1] = parts[2, 1, 0] = 1.0
+    parts[2, 0, 1] = -1.0
+    at_zero = tip_poses(setup, samples.advance_m, samples.jaws_rad).matrix
+    harmonics = (setup.T_base_circle.matrix @ parts)[:, None, None] @ at_zero
+    turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)
+    poses = turns @ np.moveaxis(harmonics.reshape(*harmonics.shape[:3], 16), 0, 2).swapaxes(0, 1)
+    # samples are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
+    q = np.moveaxis(ik_unbounded(setup.arm, SE3.unchecked(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
+    q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
+    return SutureJoints(setup.arm, thetas, q, samples.station)
+
+
+def unwound(roll: NDArray[np.float64], middle: float = 0.0, of: slice = slice(None)) -> NDArray[np.float64]:
+    """Return roll (..., k) rad without jumps along its last axis, in the winding that stays nearest to the middle.
+
+    The roll is known only up to whole turns; wrapped naively, it jumps at some positions (``facts/suture.md``). The
+    extremes of the part ``of`` the last axis decide.
+    """
+    roll = np.unwrap(roll, axis=-1)
+    deciding = roll[..., of]
+    center = (deciding.max(-1) + deciding.min(-1)) / 2
+    return roll - TURN * np.rint((center - middle) / TURN)[..., None]

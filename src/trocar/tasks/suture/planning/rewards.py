@@ -10,24 +10,21 @@ from math import radians
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms import ArmModel, manipulability
-from trocar.errors import InvalidInput, InvalidValue, UnknownName
+from trocar.arms import manipulability
+from trocar.errors import InvalidValue, UnknownName
 from trocar.geometry import TURN
-from trocar.tasks.suture.demonstrations.demonstrations import Demonstrations
-from trocar.tasks.suture.planning.joints import SutureJoints, suture_joints
+from trocar.tasks.suture.demonstrations import Demonstrations
+from trocar.tasks.suture.planning.primitive import SutureJoints, suture_joints
 from trocar.tasks.suture.planning.setup import DIRECTIONS, NeedleGrasp, SutureSetup, base_beside
 
 SURROGATE = "surrogate: the needle primitive itself, both directions; no demonstrations were given"
 
 NO_SOLUTION = -1e3
 """The margin of a suture that no configuration of the arm can make."""
-
-JOINTS = {"wrist": slice(3, 6), "all": slice(0, 6)}
-"""The joints that a margin considers, by name; the paper considers those of the wrist (III-C3)."""
+WRIST = slice(3, 6)
+"""The joints that a margin considers (paper, III-C3)."""
 
 Margin = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-Scale = tuple[float, float]
-"""Offset to subtract, and unit to divide by."""
 
 
 def paper_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -59,31 +56,13 @@ MARGINS: dict[str, Margin] = {
 """Margin formulas by name; arguments are the joints' limits (j,) and largest distances from the middle (..., j)."""
 
 
-def by_max(values: NDArray[np.float64]) -> Scale:
-    """Return the scale that makes the largest value 1."""
-    largest = float(values.max())
-    return 0.0, largest if largest > 0 else 1.0
-
-
-def by_range(values: NDArray[np.float64]) -> Scale:
-    """Return the scale that makes the values span 0 to 1."""
-    low, high = float(values.min()), float(values.max())
-    return low, high - low if high > low else 1.0
-
-
-SCALINGS: dict[str, Callable[[NDArray[np.float64]], Scale]] = {"max": by_max, "range": by_range}
-"""Ways to make margin and manipulability "occupy the same range" (paper, III-D3), by name."""
-
-
 @dataclass(frozen=True)
 class Reward:
-    """How sutures are scored; the paper leaves the formula's units, clipping and scaling open.
+    """How sutures are scored; the paper leaves units and clipping of the margin open.
 
     Attributes:
         margin: name in ``MARGINS``.
         weight: lambda, the weight of the margin; manipulability has the rest (paper: .75).
-        scaling: name in ``SCALINGS``.
-        joints: name in ``JOINTS``; the insertion has no degrees, so ``all`` needs a normalised margin.
         at: where the margin is evaluated: ``stations``, at the start and end of movements, as in the paper, or
             ``path``, in between as well.
         feasible_first: whether an infeasible direction is chosen only where both are infeasible.
@@ -91,26 +70,14 @@ class Reward:
 
     margin: str = "smallest"
     weight: float = 0.75
-    scaling: str = "max"
-    joints: str = "wrist"
     at: str = "path"
     feasible_first: bool = True
 
     def __post_init__(self) -> None:
-        for what, name, choices in (
-            ("the margin", self.margin, MARGINS),
-            ("the scaling", self.scaling, SCALINGS),
-            ("the set of joints", self.joints, JOINTS),
-            ("the place of the margin", self.at, ("stations", "path")),
-        ):
-            if name not in choices:
-                raise UnknownName(what, name, choices)
-        if self.joints == "all" and self.margin not in ("smallest", "normalised"):
-            raise InvalidInput(
-                f"the margin {self.margin!r}",
-                "is in degrees, which the insertion does not have",
-                "with all joints choose smallest or normalised",
-            )
+        if self.margin not in MARGINS:
+            raise UnknownName("the margin", self.margin, MARGINS)
+        if self.at not in ("stations", "path"):
+            raise UnknownName("the place of the margin", self.at, ("stations", "path"))
         if not (math.isfinite(self.weight) and 0.0 <= self.weight <= 1.0):
             raise InvalidValue("the weight lambda", f"{self.weight:g}", "give 0 to 1")
 
@@ -127,7 +94,7 @@ class DexterityMap:
         manipulability: (n,) mean squared manipulability M before scaling; it does not depend on the direction.
         values: (2, n) dexterity D of each direction.
         choice: (n,) row of the better direction.
-        scales: of the margin, then of manipulability.
+        scales: units of margin and manipulability: their largest values, which become 1.
         recorded: demonstrations that M comes from; None for the surrogate.
     """
 
@@ -138,7 +105,7 @@ class DexterityMap:
     manipulability: NDArray[np.float64]
     values: NDArray[np.float64]
     choice: NDArray[np.intp]
-    scales: tuple[Scale, Scale]
+    scales: tuple[float, float]
     recorded: Demonstrations | None = None
 
     def __repr__(self) -> str:
@@ -194,10 +161,7 @@ class DexterityMap:
 
 
 def dexterity(
-    setup: SutureSetup,
-    reward: Reward | None = None,
-    positions: int = 360,
-    recorded: Demonstrations | None = None,
+    setup: SutureSetup, reward: Reward | None = None, positions: int = 360, recorded: Demonstrations | None = None
 ) -> DexterityMap:
     """Return the dexterity of sutures at evenly spaced positions, in both directions.
 
@@ -218,26 +182,29 @@ def scored(
     reward: Reward,
     joints: SutureJoints,
     recorded: Demonstrations | None = None,
-    scales: tuple[Scale, Scale] | None = None,
+    scales: tuple[float, float] | None = None,
 ) -> DexterityMap:
-    """Return the dexterity of sutures with these joints, scaled by their own range unless ``scales`` are given."""
-    margin = joint_margin(setup.arm, joints, reward)
+    """Return the dexterity of sutures with these joints, scaled by their own maxima unless ``scales`` are given."""
+    margin = joint_margin(joints, reward)
     given = recorded.manipulability_at(joints.thetas_rad) if recorded else surrogate_manipulability(joints)
     choice = np.argmax(margin - 1e9 * ~joints.feasible if reward.feasible_first else margin, axis=0)
-    scale = SCALINGS[reward.scaling]
-    scales = scales or (scale(np.take_along_axis(margin, choice[None], 0)[0]), scale(given))
-    (q_offset, q_unit), (m_offset, m_unit) = scales
-    values = reward.weight * (margin - q_offset) / q_unit + (1.0 - reward.weight) * (given - m_offset) / m_unit
+    scales = scales or (_unit(np.take_along_axis(margin, choice[None], 0)[0]), _unit(given))
+    values = reward.weight * margin / scales[0] + (1.0 - reward.weight) * given / scales[1]
     return DexterityMap(setup, reward, joints, margin, given, values, choice, scales, recorded)
 
 
-def joint_margin(arm: ArmModel, joints: SutureJoints, reward: Reward) -> NDArray[np.float64]:
+def _unit(values: NDArray[np.float64]) -> float:
+    largest = float(values.max())
+    return largest if largest > 0 else 1.0
+
+
+def joint_margin(joints: SutureJoints, reward: Reward) -> NDArray[np.float64]:
     """Return Q (2, n) of both directions before scaling; ``NO_SOLUTION`` where the arm has none."""
-    which = JOINTS[reward.joints]
-    limit = ((arm.upper - arm.lower) / 2)[which]
+    arm = joints.arm
     q = joints.q[:, :, joints.station] if reward.at == "stations" else joints.q
-    largest = np.maximum(q.max(2) - arm.middle, arm.middle - q.min(2))[..., which]
-    return np.nan_to_num(MARGINS[reward.margin](limit, largest), nan=NO_SOLUTION)
+    largest = np.maximum(q.max(2) - arm.middle, arm.middle - q.min(2))
+    limit = (arm.upper - arm.lower) / 2
+    return np.nan_to_num(MARGINS[reward.margin](limit[WRIST], largest[..., WRIST]), nan=NO_SOLUTION)
 
 
 def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
@@ -252,12 +219,7 @@ def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Preset:
-    """A setup and the reward that scores its sutures.
-
-    Attributes:
-        setup: the geometry.
-        reward: how sutures are scored.
-    """
+    """A setup and the reward that scores its sutures."""
 
     setup: SutureSetup
     reward: Reward

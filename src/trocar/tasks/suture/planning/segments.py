@@ -11,8 +11,17 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, ik_unbounded
 from trocar.geometry import SE3
-from trocar.tasks.suture.planning.joints import INSERTION, LIMIT_TOLERANCE, ROLL, unwound
-from trocar.tasks.suture.planning.primitive import SPACING_M, SPACING_RAD, Suture, driven_steps, tip_poses
+from trocar.tasks.suture.planning.primitive import (
+    INSERTION,
+    LIMIT_TOLERANCE,
+    ROLL,
+    SPACING_M,
+    SPACING_RAD,
+    Suture,
+    driven_steps,
+    tip_poses,
+    unwound,
+)
 from trocar.tasks.suture.planning.setup import SutureSetup
 
 BEYOND_RAD = math.radians(10.0)
@@ -71,9 +80,7 @@ class Segment:
     def first_outside(self, arm: ArmModel, room_rad: float = 0.0) -> tuple[int, int] | None:
         """Return (waypoint, joint) where the path first leaves a joint's range, or None; joint -1: no solution there.
 
-        Args:
-            arm: the arm.
-            room_rad: margin that rotary joints keep to their limits.
+        Rotary joints keep this margin to their limits.
         """
         lower, upper = ranges(arm)
         room = np.where(arm.turns > 0, room_rad, 0.0)
@@ -88,11 +95,8 @@ class Segment:
 def suture_segments(suture: Suture) -> tuple[Segment, ...]:
     """Return the segments of one suture: ``lower``, ``approach``, the primitive's steps, ``withdraw``, ``rise``.
 
-    The roll has the same winding as in the plan, which depends on the primitive alone. The ways in and out are cut
-    short where they would leave the joints' ranges; the primitive is not.
-
-    Args:
-        suture: the suture; the base in its setup is the registered one.
+    The base in its setup is the registered one. The roll has the same winding as in the plan, which depends on the
+    primitive alone. The ways in and out are cut short where they would leave the joints' ranges; the primitive is not.
     """
     setup = suture.setup
     into = suture.turned(tip_poses(setup, _spread(-APPROACH_M, 0.0, SPACING_M), 0.0))
@@ -125,12 +129,9 @@ def retreat(setup: SutureSetup, q: NDArray[np.float64]) -> tuple[Segment, ...]:
 
 
 def cut_short(segments: Sequence[Segment], arm: ArmModel, order: int = 1) -> list[Segment]:
-    """Return segments up to the first waypoint out of range; those beyond it are left empty.
+    """Return successive segments up to the first waypoint out of range; those beyond it are left empty.
 
-    Args:
-        segments: one after the other.
-        arm: whose joints they are.
-        order: 1 to count from their starts, -1 from their ends.
+    The ``order`` is 1 to count from their starts, -1 from their ends.
     """
     kept: list[Segment] = []
     broken = False

@@ -1,21 +1,25 @@
-"""The geometry of a suture task: arm, circle on the tissue, needle, grasp, and how the needle is driven."""
+"""The geometry of a suture task (arm, circle, needle, grasp, insertion), and its numbers by name.
+
+The named numbers are options of ``plan suture``, and what ``plan setup`` searches over.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from trocar.arms import PSM_CLASSIC, ArmModel
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
-from trocar.geometry import SE3, SO3, TURN, shown
+from trocar.geometry import SE3, SO3, TURN, shown, shown_scale
 from trocar.tasks.suture.needle import Needle, check_range
 
 CLOCKWISE, COUNTERCLOCKWISE = 1, -1
 DIRECTIONS = (CLOCKWISE, COUNTERCLOCKWISE)
 """The paper's d (section III-B), as seen from above the tissue; the direction axis of every array has this order."""
-
 DIRECTION_NAMES = {CLOCKWISE: "clockwise", COUNTERCLOCKWISE: "counterclockwise"}
 
 HOLDABLE_RAD = math.radians(5.0)
@@ -125,10 +129,6 @@ class SutureSetup:
     Attributes:
         arm: the arm that sutures; its tip is the point where the jaws hold the needle.
         T_world_base: pose of its base (remote centre).
-        circle: the circle of sutures.
-        needle: the needle.
-        grasp: how the jaws hold it.
-        insertion: how it is driven.
     """
 
     arm: ArmModel = PSM_CLASSIC
@@ -154,12 +154,13 @@ class SutureSetup:
                 f"{shown(self.needle.arc_rad, 'rad', '.0f')}",
                 "grasp nearer to the tip, regrasp less or take a longer needle",
             )
-        insertion = self.insertion
-        if insertion.theta_is == "middle" and math.isnan(self.exit_turn_rad):
+        if self.insertion.theta_is == "middle" and math.isnan(self.exit_turn_rad):
+            straight, down = (
+                shown(self.insertion.straight_m, "m", "g"),
+                shown(self.insertion.entry_angle_rad, "rad", "g"),
+            )
             raise InvalidInput(
-                f"after {shown(insertion.straight_m, 'm', 'g')} straight at "
-                f"{shown(insertion.entry_angle_rad, 'rad', 'g')} a needle of radius "
-                f"{shown(self.needle.radius_m, 'm', 'g')}",
+                f"after {straight} straight at {down} a needle of radius {shown(self.needle.radius_m, 'm', 'g')}",
                 "never comes out, so its suture has no middle",
                 "let theta be the entry, shorten the straight path or lower the entry angle",
             )
@@ -200,12 +201,8 @@ def base_beside(
 ) -> SE3:
     """Return the pose of a base beside and above the world's origin, with rotation ``Rz(azimuth) Ry(tilt) Rz(spin)``.
 
-    Args:
-        azimuth_rad: direction from the origin to the base, counterclockwise from x.
-        sideways_m: horizontal distance.
-        up_m: height.
-        tilt_rad: lean of the instrument (at rest along -z of the base) towards the origin.
-        spin_rad: rotation of the base about its z.
+    The azimuth is counterclockwise from x; the tilt leans the instrument (at rest along -z of the base) towards the
+    origin.
     """
     for name, value in (("sideways", sideways_m), ("up", up_m)):
         check_range(f"base {name}", value, -0.5, 0.5)
@@ -214,3 +211,95 @@ def base_beside(
             raise InvalidValue(f"the base {name}", shown(value, "rad", "g"), "give a finite angle")
     place_m = [sideways_m * math.cos(azimuth_rad), sideways_m * math.sin(azimuth_rad), up_m]
     return SE3.from_parts(SO3.axis("z", azimuth_rad) @ SO3.axis("y", tilt_rad) @ SO3.axis("z", spin_rad), place_m)
+
+
+class Parameter(NamedTuple):
+    """One number of a setup, in m or rad.
+
+    Attributes:
+        about: one line for the help.
+        bounds: between which it is searched by default, assumed: what fits under an abdominal wall beside a phantom,
+            with needles 17 to 28 mm across. None: it is not searched over.
+    """
+
+    about: str
+    bounds: tuple[float, float] | None
+
+
+def _degrees(low: float, high: float) -> tuple[float, float]:
+    return math.radians(low), math.radians(high)
+
+
+PARAMETERS = {
+    "center_x_m": Parameter("Shift of the circle's centre along its own x.", (-0.010, 0.010)),
+    "center_y_m": Parameter("Shift of the circle's centre along its own y.", (-0.010, 0.010)),
+    "circle_radius_m": Parameter("Radius of the circle of sutures.", (0.020, 0.040)),
+    "base_azimuth_rad": Parameter("Direction of the arm's base, counterclockwise from x.", _degrees(0, 360)),
+    "base_sideways_m": Parameter("Horizontal distance of the base from the world's origin.", (0.030, 0.090)),
+    "base_up_m": Parameter("Height of the base.", (0.080, 0.150)),
+    "base_tilt_rad": Parameter("Lean of the resting instrument towards the origin.", _degrees(-60, 60)),
+    "base_spin_rad": Parameter("Rotation of the base about its z.", _degrees(-180, 180)),
+    "needle_radius_m": Parameter("Radius of the needle's curvature.", (0.006, 0.010)),
+    "needle_arc_rad": Parameter("Arc of the needle from tip to tail.", None),
+    "grasp_behind_tip_rad": Parameter("Arc from the needle's tip back to the jaws.", _degrees(90, 150)),
+    "grasp_approach_rad": Parameter("Rotation of the jaws about the wire.", _degrees(-180, 180)),
+    # below 0 the wrist meets the tissue
+    "grasp_lean_rad": Parameter("Rotation of the jaws about their closing direction.", _degrees(0, 90)),
+    # flat jaws can hold 0 and 180 deg only
+    "grasp_skew_rad": Parameter("Rotation of the jaws about their long axis.", _degrees(-180, 180)),
+}
+"""Numbers of a setup by name: the part that holds it (``center`` and ``base`` are poses), then the field there."""
+SEARCHED = {name: parameter.bounds for name, parameter in PARAMETERS.items() if parameter.bounds}
+"""The parameters that can be searched over, with their usual bounds."""
+
+
+def parameters_of(setup: SutureSetup) -> dict[str, float]:
+    """Return the parameters of a setup; the centre's shift is 0, whatever the pose of the circle."""
+    base = _base_numbers(setup.T_world_base)
+    found = {"center_x_m": 0.0, "center_y_m": 0.0} | {f"base_{name}": value for name, value in base.items()}
+    found["base_azimuth_rad"] %= TURN
+    parts = {name: name.split("_", 1) for name in PARAMETERS}
+    return {name: found[name] if name in found else getattr(getattr(setup, a), b) for name, (a, b) in parts.items()}
+
+
+def with_parameters(setup: SutureSetup, values: Mapping[str, float], **changes: Any) -> SutureSetup:
+    """Return the setup with some parts replaced, then some parameters by name; the others stay.
+
+    Raises:
+        InvalidInput: a name is unknown, or no setup has these values.
+    """
+    parts: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        if name not in PARAMETERS:
+            raise UnknownName("the parameter of a setup", name, PARAMETERS)
+        part, number = name.split("_", 1)
+        parts.setdefault(part, {})[number] = value
+    base, center = parts.pop("base", {}), parts.pop("center", {})
+    changes |= {part: replace(changes.get(part, getattr(setup, part)), **fields) for part, fields in parts.items()}
+    if base:
+        now = _base_numbers(setup.T_world_base)
+        changes["T_world_base"] = base_beside(**{**now, **base})
+        rest = base_beside(**now).inverse() @ setup.T_world_base
+        if not np.allclose(rest.matrix, np.eye(4), rtol=0.0, atol=1e-12):  # its attitude needs more than two angles
+            changes["T_world_base"] @= rest
+    if center:
+        circle = changes.get("circle", setup.circle)
+        shift = SE3.from_parts(translation_m=[center.get("x_m", 0.0), center.get("y_m", 0.0), 0.0])
+        changes["circle"] = replace(circle, T_world_circle=circle.T_world_circle @ shift)
+    return replace(setup, **changes)
+
+
+def _base_numbers(T_world_base: SE3) -> dict[str, float]:
+    """Return the arguments of ``base_beside`` that give this base."""
+    x, y, up = T_world_base.translation_m.tolist()
+    azimuth = math.atan2(y, x)
+    leaning = (SO3.axis("z", -azimuth) @ T_world_base.rotation).matrix
+    tilt, spin = math.atan2(leaning[0, 2], leaning[2, 2]), math.atan2(leaning[1, 0], leaning[1, 1])
+    return {"azimuth_rad": azimuth, "sideways_m": math.hypot(x, y), "up_m": up, "tilt_rad": tilt, "spin_rad": spin}
+
+
+def shown_parameter(name: str) -> tuple[float, str]:
+    """Return the factor that takes a parameter to mm or deg, and its name with that unit, as on the command line."""
+    stem, _, unit = name.rpartition("_")
+    scale, shown_unit = shown_scale(unit)
+    return scale, f"{stem}_{shown_unit}"

@@ -5,8 +5,9 @@ For each setup the plan is the best on its grid. Over setups the search is diffe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,19 +17,17 @@ from scipy.optimize import differential_evolution
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import shown
 from trocar.tasks.suture.planning.grid import plan_even
-from trocar.tasks.suture.planning.joints import suture_joints
-from trocar.tasks.suture.planning.parameters import (
-    PARAMETERS,
+from trocar.tasks.suture.planning.plan import Planner, SuturePlan
+from trocar.tasks.suture.planning.primitive import path_samples, suture_joints, tip_poses
+from trocar.tasks.suture.planning.rewards import DexterityMap, scored
+from trocar.tasks.suture.planning.setup import (
+    HOLDABLE_RAD,
     SEARCHED,
-    check_bounds,
+    SutureSetup,
     parameters_of,
     shown_parameter,
     with_parameters,
 )
-from trocar.tasks.suture.planning.plan import Planner, SuturePlan
-from trocar.tasks.suture.planning.primitive import path_samples, tip_poses
-from trocar.tasks.suture.planning.rewards import DexterityMap, scored
-from trocar.tasks.suture.planning.setup import HOLDABLE_RAD, SutureSetup
 
 CERTIFIED = "each setup's plan is the best on its grid; the setup is the best one found, which proves nothing"
 
@@ -38,12 +37,13 @@ GROUPS = {
     "grasp": ("grasp_behind_tip_rad", "grasp_approach_rad", "grasp_lean_rad"),
 }
 """Parameters that are searched over together, by name."""
-
 POPULATION = 48
 COARSE = 72
 """Size of the grid during the search."""
 INFEASIBLE_COST = 10.0
 """Added to the cost of an infeasible plan: more than any reward."""
+MAX_SHIFT_M = 0.5
+"""Largest shift of the circle's centre along an axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +76,13 @@ def search_setup(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     planner: Planner = plan_even,
     evaluations: int = 3000,
-    holdable: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> FoundSetup:
     """Return the best setup found over some of its parameters; never worse than the initial one.
 
-    The jaws stay above the tissue; otherwise only the bounds keep arm and port clear of the patient. Margin and
-    manipulability are scaled alike in all setups; with a scale of its own for each, rewards would not be comparable.
+    Flat jaws can hold the needle as it is grasped, and stay above the tissue; otherwise only the bounds keep arm and
+    port clear of the patient. Margin and manipulability are scaled alike in all setups; with a scale of its own for
+    each, rewards would not be comparable.
 
     Args:
         start: gives reward, scales and grid, whose size is a multiple of ``COARSE``.
@@ -92,7 +92,6 @@ def search_setup(
         bounds: of free parameters, in place of the usual ones.
         planner: makes the best plan of a map.
         evaluations: approximate number of setups to evaluate.
-        holdable: whether flat jaws must be able to hold the needle as grasped.
         progress: called with the number of setups evaluated and the number planned.
     """
     here = setup or start.setup
@@ -100,19 +99,16 @@ def search_setup(
     planner(start)  # what is wrong with its settings is told before a search of minutes
     if evaluations < 2 * POPULATION:
         raise InvalidValue("the number of evaluations", evaluations, f"give at least {2 * POPULATION}")
-    if len(start.thetas_rad) % COARSE:
-        raise InvalidInput(
-            f"a grid of {len(start.thetas_rad)} positions",
-            f"does not contain the search's of {COARSE}",
-            f"give a multiple of {COARSE}",
-        )
-    if holdable and not here.grasp.holdable and not {"grasp_lean_rad", "grasp_skew_rad"} & set(free):
+    if (size := len(start.thetas_rad)) % COARSE:
+        grid = f"a grid of {size} positions"
+        raise InvalidInput(grid, f"does not contain the search's of {COARSE}", f"give a multiple of {COARSE}")
+    if not here.grasp.holdable and not {"grasp_lean_rad", "grasp_skew_rad"} & set(free):
         raise InvalidInput(
             "the grasp",
             f"holds the wire {shown(here.grasp.out_of_jaws_rad, 'rad', '.0f')} out of the plane of flat jaws",
-            "free the grasp's lean or skew, start from skew 0, or allow grasps that flat jaws cannot hold",
+            "free the grasp's lean or skew, or start from skew 0",
         )
-    thetas = start.thetas_rad[:: len(start.thetas_rad) // COARSE]
+    thetas = start.thetas_rad[:: size // COARSE]
     limits_at = np.array(list(limits.values()))
     usual = {name: parameters_of(here)[name] for name in free}
     evaluated = 0
@@ -126,7 +122,7 @@ def search_setup(
             there = with_parameters(here, dict(zip(free, x.tolist(), strict=True)))
         except InvalidInput:  # a needle larger than the circle allows, a grasp beyond its tail
             return 4 * INFEASIBLE_COST
-        return _cost(there, start, thetas, planner, holdable)
+        return _cost(there, start, thetas, planner)
 
     first = rng.uniform(*limits_at.T, size=(POPULATION, len(free)))
     first[0] = np.clip(list(usual.values()), *limits_at.T)
@@ -138,7 +134,7 @@ def search_setup(
     plan, unchanged = planner(best), _scaled_like(start, here, start.thetas_rad)
     start_plan = planner(unchanged)
     worse = (plan.feasible, plan.reward) < (start_plan.feasible, start_plan.reward)
-    if worse or jaws_above_m(best.setup) < 0 or (holdable and not best.setup.grasp.holdable):
+    if worse or jaws_above_m(best.setup) < 0 or not best.setup.grasp.holdable:
         best, plan, values = unchanged, start_plan, usual
     return FoundSetup(start_plan, best, plan, values, limits, evaluated)
 
@@ -147,9 +143,7 @@ def _scaled_like(start: DexterityMap, setup: SutureSetup, thetas_rad: NDArray[np
     return scored(setup, start.reward, suture_joints(setup, thetas_rad), scales=start.scales)
 
 
-def _cost(
-    setup: SutureSetup, start: DexterityMap, thetas_rad: NDArray[np.float64], planner: Planner, holdable: bool
-) -> float:
+def _cost(setup: SutureSetup, start: DexterityMap, thetas_rad: NDArray[np.float64], planner: Planner) -> float:
     """Return minus the reward of a setup's best plan.
 
     Setups without a feasible one cost more the worse they are, in ranks that do not overlap, so that the evolution is
@@ -157,7 +151,7 @@ def _cost(
     """
     if (height_m := jaws_above_m(setup)) < 0:
         return 3 * INFEASIBLE_COST + 1 - height_m
-    if holdable and not setup.grasp.holdable:
+    if not setup.grasp.holdable:
         return 3 * INFEASIBLE_COST + setup.grasp.out_of_jaws_rad - HOLDABLE_RAD
     found = _scaled_like(start, setup, thetas_rad)
     plan = planner(found)
@@ -180,11 +174,8 @@ def free_bounds(
 ) -> dict[str, tuple[float, float]]:
     """Return the bounds of these parameters, or raise InvalidInput."""
     if not free or len(set(free)) != len(free):
-        raise InvalidInput(
-            "the free parameters",
-            f"are {', '.join(free) or 'none'}",
-            f"name one or more of {', '.join(SEARCHED)}, each once",
-        )
+        choices = f"name one or more of {', '.join(SEARCHED)}, each once"
+        raise InvalidInput("the free parameters", f"are {', '.join(free) or 'none'}", choices)
     for name in free:
         if name not in SEARCHED:
             raise UnknownName("the parameter to search over", name, SEARCHED)
@@ -193,5 +184,22 @@ def free_bounds(
         name = shown_parameter(strange[0])[1]
         raise InvalidInput(f"the parameter {name!r}", "has bounds but is not free", "free it or drop its bounds")
     for name, ends in given.items():
-        check_bounds(setup, name, *ends)
-    return {name: given.get(name) or PARAMETERS[name].bounds or (0.0, 0.0) for name in free}
+        _check_bounds(setup, name, *ends)
+    return {name: given.get(name, SEARCHED[name]) for name in free}
+
+
+def _check_bounds(setup: SutureSetup, name: str, low: float, high: float) -> None:
+    """Raise InvalidInput unless a parameter of this setup can be searched between these bounds."""
+    scale, said = shown_parameter(name)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        bounds = f"is bounded by {scale * low:g} and {scale * high:g}"
+        raise InvalidInput(said, bounds, "give two finite numbers, the lower first")
+    part, number = name.split("_", 1)
+    for end in (low, high):
+        if part == "base":
+            with_parameters(setup, {name: end})
+        elif part != "center":  # the part alone: with other free parameters, a setup may hold it
+            replace(getattr(setup, part), **{number: end})
+        elif abs(end) > MAX_SHIFT_M:
+            limits = f"give {shown(-MAX_SHIFT_M, 'm', 'g')} to {shown(MAX_SHIFT_M, 'm', 'g')}"
+            raise InvalidValue("the shift of the circle's centre", shown(end, "m", "g"), limits)

@@ -11,104 +11,67 @@ from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput, InvalidValue
 from trocar.geometry import SE3, TURN
-from trocar.tasks.suture.planning.joints import suture_joints
+from trocar.tasks.suture.planning.primitive import suture_joints
 from trocar.tasks.suture.planning.rewards import DexterityMap, surrogate_manipulability
 from trocar.tasks.suture.planning.setup import SutureSetup
 
 LOCATIONS = ("random", "optimal")
 ALLOWED = ("clockwise", "counterclockwise", "best")
 """Rows and columns of Table I."""
-
 PAPER_TABLE_1 = np.array([[60.2, 42.8, 88.6], [65.6, 50.6, 100.0]])
 """Table I of Thananjeyan et al., rows as ``LOCATIONS``, columns as ``ALLOWED``; 100 is the best."""
-
 PAPER_SWITCHES_DEG = (67.0, 228.0)
 """Where the paper's best direction changes (Figs. 3 to 5)."""
-
 PAPER_BEST_THETA_DEG = (28.0, 11.0)
 """The paper's best theta_1 at its smallest and largest lambda (Fig. 7), whose values it does not give."""
-
 NEAR_DEG = 5.0
 """Angles this near to the paper's count as reproduced."""
-
 SWEEP = tuple(k / 10 for k in range(11))
 """Values of lambda for Fig. 7."""
-
 SUTURES = 4
 
 
-def plan_values(values: NDArray[np.float64], count: int = SUTURES) -> NDArray[np.float64]:
-    """Return the worst suture (..., n / count) of each evenly spaced plan, by theta_1, from values (..., n)."""
+def plan_values(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the worst suture (..., n / 4) of each evenly spaced plan, by theta_1, from values (..., n)."""
     n = values.shape[-1]
-    if count < 1 or n % count:
-        raise InvalidInput(
-            f"{n} positions", f"do not hold {count} evenly spaced sutures", f"give a multiple of {count}"
-        )
-    return values.reshape(*values.shape[:-1], count, n // count).min(-2)
+    if n % SUTURES:
+        sutures = f"do not hold {SUTURES} evenly spaced sutures"
+        raise InvalidInput(f"{n} positions", sutures, f"give a multiple of {SUTURES}")
+    return values.reshape(*values.shape[:-1], SUTURES, n // SUTURES).min(-2)
 
 
-@dataclass(frozen=True, eq=False)
-class Table1:
-    """Table I: mean and maximum over all evenly spaced plans, by the allowed directions.
+def table_1(map: DexterityMap) -> NDArray[np.float64]:
+    """Return Table I of these sutures (2, 3), rows as ``LOCATIONS``, columns as ``ALLOWED``; 100 is the best plan.
 
-    Attributes:
-        points: (2, 3) rows as ``LOCATIONS``, columns as ``ALLOWED``; 100 is the best plan.
+    These are the mean and the maximum over all evenly spaced plans.
     """
-
-    points: NDArray[np.float64]
-
-    @property
-    def off_paper(self) -> NDArray[np.float64]:
-        """Return the differences (2, 3) of the entries from the paper's, in points."""
-        return self.points - PAPER_TABLE_1
-
-    def gains(self) -> dict[str, dict[str, float]]:
-        """Return the gain of the best plan over three baselines, as a difference in points and a ratio in percent.
-
-        The paper's "11-57 %" are differences in points (``facts/suture.md``).
-        """
-        best = self.points[1, 2]
-        baselines = {
-            "random location, best direction": self.points[0, 2],
-            "optimal location, better fixed direction": self.points[1, :2].max(),
-            "random location, worse fixed direction": self.points[0, :2].min(),
-        }
-        return {
-            name: {
-                "points": float(best - of),
-                "ratio_percent": float(100 * (best / of - 1)) if of > 0 else float("inf"),  # not of a loss
-            }
-            for name, of in baselines.items()
-        }
-
-    def summary(self) -> dict[str, Any]:
-        """Return everything as plain values."""
-        return {
-            "points": _cells(self.points),
-            "paper_points": _cells(PAPER_TABLE_1),
-            "largest_difference_points": float(np.abs(self.off_paper).max()),
-            "gains": self.gains(),
-            "paper_gains": Table1(PAPER_TABLE_1).gains(),
-        }
-
-
-def _cells(points: NDArray[np.float64]) -> dict[str, dict[str, float]]:
-    return {
-        location: dict(zip(ALLOWED, row, strict=True)) for location, row in zip(LOCATIONS, points.tolist(), strict=True)
-    }
-
-
-def table_1(map: DexterityMap) -> Table1:
-    """Return Table I of these sutures; the mean over random locations is exact, over all plans."""
     plans = plan_values(np.vstack([map.values, map.best]))
     best = plans[2].max()
     if not best > 0:
-        raise InvalidInput(
-            "the best plan",
-            f"has reward {best:.3g}, so that no points can be given relative to it",
-            "choose a setup with a feasible plan",
-        )
-    return Table1(100 * np.vstack([plans.mean(-1), plans.max(-1)]) / best)
+        problem = f"has reward {best:.3g}, so that no points can be given relative to it"
+        raise InvalidInput("the best plan", problem, "choose a setup with a feasible plan")
+    return 100 * np.vstack([plans.mean(-1), plans.max(-1)]) / best
+
+
+def by_name(points: NDArray[np.float64]) -> dict[str, dict[str, float]]:
+    """Return the entries of Table I by location and allowed directions."""
+    rows = zip(LOCATIONS, points.tolist(), strict=True)
+    return {location: dict(zip(ALLOWED, row, strict=True)) for location, row in rows}
+
+
+def gains(points: NDArray[np.float64]) -> dict[str, dict[str, float]]:
+    """Return the gain of Table I's best plan over three baselines, as a difference in points and a ratio in percent.
+
+    The paper's "11-57 %" are differences in points (``facts/suture.md``).
+    """
+    best = points[1, 2]
+    baselines = {
+        "random location, best direction": points[0, 2],
+        "optimal location, better fixed direction": points[1, :2].max(),
+        "random location, worse fixed direction": points[0, :2].min(),
+    }
+    ratios = {name: float(100 * (best / of - 1)) if of > 0 else float("inf") for name, of in baselines.items()}
+    return {name: {"points": float(best - of), "ratio_percent": ratios[name]} for name, of in baselines.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +83,7 @@ class LambdaSweep:
     Attributes:
         weights: (k,) values of lambda.
         thetas_rad: (m,) theta_1 of the plans.
-        rewards: (k, m) their rewards.
+        rewards: (k, m) of the plans.
     """
 
     weights: NDArray[np.float64]
@@ -197,14 +160,14 @@ class SutureStudy:
 
     Attributes:
         map: margins in both directions (Fig. 5), better directions (Fig. 3), dexterities.
-        table: Table I.
+        points: (2, 3) Table I, as :func:`table_1` returns it.
         sweep: Fig. 7.
         manipulability: (arms, n) M of each arm, the one that drives the needle first (Fig. 6).
         assistant_source: where M of the second arm, which extracts the needle, comes from, in words.
     """
 
     map: DexterityMap
-    table: Table1
+    points: NDArray[np.float64]
     sweep: LambdaSweep
     manipulability: NDArray[np.float64]
     assistant_source: str
@@ -219,7 +182,13 @@ class SutureStudy:
         map = self.map
         switches, best = np.degrees(map.switches_rad), int(np.argmax(plan_values(map.best)))
         return {
-            "table_1": self.table.summary(),
+            "table_1": {
+                "points": by_name(self.points),
+                "paper_points": by_name(PAPER_TABLE_1),
+                "largest_difference_points": float(np.abs(self.points - PAPER_TABLE_1).max()),
+                "gains": gains(self.points),
+                "paper_gains": gains(PAPER_TABLE_1),
+            },
             "switches_deg": switches.tolist(),
             "paper_switches_deg": list(PAPER_SWITCHES_DEG),
             "switches_off_paper_deg": [
@@ -239,15 +208,11 @@ class SutureStudy:
         }
 
 
-def study(map: DexterityMap, weights: Sequence[float] = SWEEP) -> SutureStudy:
-    """Return the paper's experiments on a setup.
+def study(map: DexterityMap) -> SutureStudy:
+    """Return the paper's experiments on a setup; the number of positions is a multiple of four.
 
     The second arm's manipulability comes from the demonstrations or, without any, from the mirror image of the first
     arm (assumed) driving the same primitive.
-
-    Args:
-        map: dexterity of the sutures; the number of positions is a multiple of four.
-        weights: values of lambda for the sweep.
     """
     if map.recorded:
         by_arm, source = map.recorded.per_arm_at(map.thetas_rad), map.source
@@ -257,4 +222,4 @@ def study(map: DexterityMap, weights: Sequence[float] = SWEEP) -> SutureStudy:
         assistant = surrogate_manipulability(suture_joints(mirrored(map.setup), map.thetas_rad))
         by_arm = np.stack([map.manipulability, assistant])
         source = "surrogate: the second arm drives the same primitive, the mirror image of the first arm (assumed)"
-    return SutureStudy(map, table_1(map), lambda_sweep(map, weights), by_arm, source)
+    return SutureStudy(map, table_1(map), lambda_sweep(map), by_arm, source)

@@ -26,12 +26,9 @@ from trocar.tasks.suture.planning.setup import CLOCKWISE, DIRECTION_NAMES, DIREC
 
 MESH, MESH_LINE, BLOCKED = "#F7F5EF", "#E6E1D3", "#D9D9D9"
 RING, GAP = 0.17, 0.03  # width of a ring, and gap between the two, as shares of the rings' inner radius
-
 SIZE_IN = (7.4, 6.6)
 LABEL_RAD = math.radians(25.0)  # labels this far apart do not overlap
-TEXTURE_PIXELS = 1000
-SPAN = 1.01
-"""Half of a texture's side, as a share of the rings' outer radius."""
+TEXTURE_PIXELS, SPAN = 1000, 1.01  # pixels of a texture's side; half the side as a share of the rings' outer radius
 
 
 def draw_plan(map: DexterityMap, plan: SuturePlan, path: str | Path, title: str = "") -> Path:
@@ -42,17 +39,11 @@ def draw_plan(map: DexterityMap, plan: SuturePlan, path: str | Path, title: str 
 
 
 def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, title: str = "") -> None:
-    """Draw the circle as seen from above the tissue, in mm, and the sutures of a plan.
+    """Draw the circle as seen from above the tissue, in mm, and the sutures of a plan; without one, the rings only.
 
     The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise sutures;
     grey hatching marks positions out of reach in that direction. Arrows are the sutures from entry to exit, or to where
-    the tip stops in the tissue.
-
-    Args:
-        figure: empty.
-        map: dexterity of all sutures.
-        plan: None: rings only.
-        title: title; default: number of sutures and reward.
+    the tip stops in the tissue. The figure is empty; its title is by default the number of sutures and the reward.
     """
     setup, norm = map.setup, Normalize(*map.span(np.empty(0) if plan is None else plan.rewards))
     outer = ring_radii_mm(setup).max()
@@ -72,7 +63,10 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
     figure.colorbar(colours, ax=axes, shrink=0.62, pad=0.02, aspect=28).set_label("reward of a suture")
     hatched = Patch(facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////", linewidth=0, label="beyond the limits")
     axes.legend(handles=[hatched], loc="lower right", borderaxespad=0)
-    usual = "Dexterity: outer ring clockwise, inner ring counterclockwise" if plan is None else _title(plan)
+    usual = "Dexterity: outer ring clockwise, inner ring counterclockwise"
+    if plan is not None:
+        reach = "" if plan.feasible else ", out of reach"
+        usual = f"{len(plan.rewards)} sutures, reward of the worst {plan.reward:.3f}{reach}"
     figure.suptitle(f"{title or usual}\n", x=0.01, ha="left", fontsize=10, fontweight="bold")
 
 
@@ -92,15 +86,14 @@ def texture(map: DexterityMap, plan: SuturePlan) -> tuple[NDArray[np.uint8], flo
     return np.asarray(Image.open(png)), 2e-3 * half_mm
 
 
-def _title(plan: SuturePlan) -> str:
-    title = f"{len(plan.rewards)} sutures, reward of the worst {plan.reward:.3f}"
-    return title if plan.feasible else f"{title}, out of reach"
-
-
 def ring_radii_mm(setup: SutureSetup) -> NDArray[np.float64]:
     """Return inner and outer radius (2, 2) of the rings, clockwise first; they enclose all arrows."""
     inner = 1.1e3 * float(np.linalg.norm(Suture(setup, 0.0, CLOCKWISE).ends_m, axis=1).max())
     return inner * np.array([[1 + RING + GAP, 1 + 2 * RING + GAP], [1.0, 1 + RING]])
+
+
+def _toward(angle_rad: float) -> NDArray[np.float64]:
+    return np.array([math.cos(angle_rad), math.sin(angle_rad)])
 
 
 def _draw_mesh(axes: Axes, radius: float) -> None:
@@ -140,7 +133,7 @@ def runs(marked: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _draw_angles(axes: Axes, outer: float) -> None:
     """Draw ticks and angles outside the rings."""
     for angle in range(0, 360, 30):
-        along = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
+        along = _toward(math.radians(angle))
         x, y = np.outer(along, [outer, 1.03 * outer])
         axes.plot(x, y, color=style.QUIET, linewidth=0.8)
         x, y = 1.09 * outer * along
@@ -160,17 +153,9 @@ def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
     tip, tail, label = (tuple(share * outer * along) for share in (1.15, 1.26, 1.21))
     axes.annotate("", xy=tip, xytext=tail, arrowprops=arrow, annotation_clip=False)
     side = 1 if along[0] > -1e-6 else -1
-    axes.annotate(
-        f"the arm's base:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above\nthe circle's centre",
-        label,
-        xytext=(14 * side, 0),
-        textcoords="offset points",
-        ha="left" if side > 0 else "right",
-        va="center",
-        fontsize=8,
-        color=style.VERMILION,
-        annotation_clip=False,
-    )
+    text = f"the arm's base:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above\nthe circle's centre"
+    aligned = {"ha": "left" if side > 0 else "right", "va": "center", "fontsize": 8, "color": style.VERMILION}
+    axes.annotate(text, label, xytext=(14 * side, 0), textcoords="offset points", annotation_clip=False, **aligned)
 
 
 def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normalize) -> None:
@@ -180,21 +165,12 @@ def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normaliz
     for i, suture in enumerate(sutures_at(map.setup, plan.positions_rad, plan.directions)):
         can = bool(feasible[suture.row, i])
         start, end = 1e3 * suture.ends_m
-        arrow = FancyArrowPatch(
-            tuple(start),
-            tuple(end),
-            arrowstyle="simple,head_length=9,head_width=11,tail_width=4",
-            shrinkA=0,
-            shrinkB=0,
-            facecolor=colours(norm(plan.rewards[i])),
-            edgecolor=style.INK if can else style.VERMILION,
-            linewidth=0.8 if can else 2.0,
-            zorder=4,
-        )
-        axes.add_patch(arrow)
+        shape = {"arrowstyle": "simple,head_length=9,head_width=11,tail_width=4", "shrinkA": 0, "shrinkB": 0}
+        edge = {"edgecolor": style.INK, "linewidth": 0.8} if can else {"edgecolor": style.VERMILION, "linewidth": 2.0}
+        face = colours(norm(plan.rewards[i]))
+        axes.add_patch(FancyArrowPatch(tuple(start), tuple(end), facecolor=face, zorder=4, **shape, **edge))
         axes.plot(*start, "o", color="white", markeredgecolor=style.INK, markersize=4, zorder=5)
-        out = np.array([math.cos(suture.theta_rad), math.sin(suture.theta_rad)])
-        line = np.outer(out, [1e3 * map.setup.circle.radius_m, rings[suture.row]])
+        line = np.outer(_toward(suture.theta_rad), [1e3 * map.setup.circle.radius_m, rings[suture.row]])
         axes.plot(*line, color=style.INK, linewidth=0.7, linestyle=":", zorder=3)
         axes.plot(*line[:, 1], "o", color="white", markeredgecolor=style.INK, markersize=6, zorder=5)
 
@@ -203,7 +179,7 @@ def _label_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan) -> None:
     """Write angle and reward of sutures within the circle, and notes below."""
     for i in (labelled := apart(plan)):
         theta = plan.positions_rad[i]
-        x, y = 0.70e3 * setup.circle.radius_m * np.array([math.cos(theta), math.sin(theta)])
+        x, y = 0.70e3 * setup.circle.radius_m * _toward(theta)
         text = f"{math.degrees(theta):.4g}°\n{plan.rewards[i]:.3f}"
         axes.text(x, y, text, ha="center", va="center", fontsize=8, color=style.INK, zorder=6)
     names = [DIRECTION_NAMES[direction] for direction in DIRECTIONS]

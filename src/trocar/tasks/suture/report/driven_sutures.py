@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from rich.table import Table
 
@@ -19,12 +18,23 @@ from trocar.report import style
 from trocar.report.tables import figure as figures
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import PRESETS, Suture, SutureSetup
-from trocar.tasks.suture.planning.plan_file import setup_from
+from trocar.tasks.suture.planning.plan import setup_from
 
 NEAR = 0.15
 """A limit is drawn if the joint comes closer to it than this share of its range."""
 DRIVING = ("penetrate", "rotate", "push")
 """Steps in which the jaws drive the needle; with the regrasps they are the primitive."""
+UNSHOWN = ("lower", "withdraw", "rise")
+"""Steps of a suture without a picture."""
+APART_S = 0.5
+"""A step that ends this shortly before the end of the first suture looks the same."""
+REACH, RISE_M = 1.25, 0.018
+"""A picture's frame: this many radii of the circle, and as high over the phantom as a needle in the jaws."""
+MODELLED = (
+    "no tissue mechanics: the phantom carries the needle and slows it by viscous drag, and is not solid",
+    "the jaws hold the needle by friction; a person pulls it out and loads it again, exactly, before each suture",
+)
+"""What a reader of the figures must know; printed with them."""
 
 
 def setup_of(trial: Trial) -> SutureSetup:
@@ -120,23 +130,17 @@ def draw_joints(trial: Trial, path: Path, title: str) -> Path:
             of_joint = rms_max(scale * while_driven[:, index])
             said = f"shaded: RMS {figures(of_joint['rms'])}, largest {figures(of_joint['max'])} {unit}"
             right.set_title(said, loc="right", fontsize=8, fontweight="normal")
-            for axes in (left, right):
-                _shade_primitive(axes, spans)
-        grid[0, 0].set_title(title)
+            for step, start, end in spans:
+                if step.startswith((*DRIVING, "regrasp")):
+                    alpha = 0.45 if step.startswith("regrasp") else 0.9
+                    left.axvspan(start, end, color=style.FAINT, alpha=alpha, zorder=0)
+                    right.axvspan(start, end, color=style.FAINT, alpha=alpha, zorder=0)
+        grid[0, 0].set(title=title, xlim=(first, last))
         grid[0, 0].legend(loc="upper right", ncols=2)
-        grid[-1, 0].set_xlabel("time, s; shaded: the primitive")
-        grid[-1, 1].set_xlabel("time, s")
-        grid[0, 0].set_xlim(first, last)
-        figure.align_ylabels(grid[:, 0])
-        figure.align_ylabels(grid[:, 1])
+        for column, label in enumerate(("time, s; shaded: the primitive", "time, s")):
+            grid[-1, column].set_xlabel(label)
+            figure.align_ylabels(grid[:, column])
     return path
-
-
-def _shade_primitive(axes: Axes, spans: list[tuple[str, float, float]]) -> None:
-    for step, start, end in spans:
-        if step.startswith((*DRIVING, "regrasp")):
-            alpha = 0.45 if step.startswith("regrasp") else 0.9
-            axes.axvspan(start, end, color=style.FAINT, alpha=alpha, zorder=0)
 
 
 def draw_needle(trial: Trial, path: Path, title: str) -> Path:
@@ -161,19 +165,15 @@ def draw_needle(trial: Trial, path: Path, title: str) -> Path:
             planned = 1e3 * suture.needle_path_m
             heading = planned[-1, :2] - planned[0, :2]
             heading /= np.linalg.norm(heading)
-            for points, color, width in (
-                (planned, style.ORANGE, 3.0),
-                (np.where(driven[:, None], tips, np.nan), style.BLUE, 1.0),
-            ):
+            tip = np.where(driven[:, None], tips, np.nan)
+            for points, color, width in ((planned, style.ORANGE, 3.0), (tip, style.BLUE, 1.0)):
                 above.plot(points[:, 0], points[:, 1], color=color, linewidth=width)
                 side.plot((points[:, :2] - planned[0, :2]) @ heading, points[:, 2], color=color, linewidth=width)
             side.axhline(0.0, color=style.QUIET, linewidth=0.8)
             side.set_aspect("equal", adjustable="datalim")
-            side.set_ylabel("height, mm")
             how = in_words(score["failure"]) or "in and out within 1 mm"
             side.set_title(f"suture {number + 1}, {score['theta_deg']:.0f} deg: {how}", fontsize=9)
-            if number == count - 1:
-                side.set_xlabel("along the suture from its entry, mm")
+            side.set(ylabel="height, mm", xlabel="along the suture from its entry, mm" if number == count - 1 else "")
             x, y = 1.28 * radius * np.array([np.cos(suture.theta_rad), np.sin(suture.theta_rad)])
             label = f"{number + 1}\n{score['theta_deg']:.0f} deg"
             above.text(x, y, label, ha="center", va="center", fontweight="bold")
@@ -183,20 +183,8 @@ def draw_needle(trial: Trial, path: Path, title: str) -> Path:
         above.update_datalim([(-1.4 * radius, -1.4 * radius), (1.4 * radius, 1.4 * radius)])
         above.autoscale_view()
         above.set_aspect("equal", adjustable="datalim")
-        above.set_xlabel("x of the circle, mm")
-        above.set_ylabel("y of the circle, mm")
-        above.set_title(title)
+        above.set(xlabel="x of the circle, mm", ylabel="y of the circle, mm", title=title)
     return path
-
-
-UNSHOWN = ("lower", "withdraw", "rise")
-"""Steps of a suture without a picture."""
-
-APART_S = 0.5
-"""A step that ends this shortly before the end of the first suture looks the same."""
-
-REACH, RISE_M = 1.25, 0.018
-"""A picture's frame: this many radii of the circle, and as high over the phantom as a needle in the jaws."""
 
 
 class SutureReport(TaskReport):
@@ -258,8 +246,7 @@ class SutureReport(TaskReport):
     def pictures(self, folder: Path, trials: Sequence[Trial]) -> list[Path]:
         """Draw joints and needle of the first trial against the plan."""
         trial = trials[0]
-        what = trial.about["method"]
-        arm = trial.about["arms"][0]
+        arm, what = trial.about["arms"][0], trial.about["method"]
         return [
             draw_joints(trial, folder / "joints.png", f"Joints of {arm} driven and planned, {what}"),
             draw_needle(trial, folder / "needle.png", f"Path of the needle's tip, {what}"),
@@ -291,10 +278,3 @@ class SutureReport(TaskReport):
         """Return what stopped a trial, and what is modelled."""
         reasons = [stopped(trial.events)[1] for trial in trials]
         return [*filter(None, reasons), *MODELLED]
-
-
-MODELLED = (
-    "no tissue mechanics: the phantom carries the needle and slows it by viscous drag, and is not solid",
-    "the jaws hold the needle by friction; a person pulls it out and loads it again, exactly, before each suture",
-)
-"""What a reader of the figures must know; printed with them."""

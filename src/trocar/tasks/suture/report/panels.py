@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap
@@ -23,7 +23,6 @@ from trocar.tasks.suture.report.circle import runs
 
 COLOURS = {1: style.BLUE, -1: style.ORANGE}
 PAPER_GREY = "#BBBBBB"
-TICKS = {1: "clockwise", -1: "counter-\nclockwise"}
 WRIST = (style.BLUE, style.GREEN, style.PURPLE)
 MARGIN_UNITS = {
     "smallest": "share of half the range",
@@ -34,16 +33,11 @@ MARGIN_UNITS = {
 
 
 def draw_reasons(map: DexterityMap, plan: SuturePlan, path: str | Path) -> Path:
-    """Draw the reasons for a plan round the circle: reward, margin, joints, manipulability; return the path.
-
-    Args:
-        map: dexterity of all sutures.
-        plan: the plan, marked in the first panel.
-        path: file of the picture.
-    """
+    """Draw the reasons for a plan round the circle (reward, margin, joints, manipulability); return the path."""
     with style.figure(8.2, 8.6, path) as figure:
         axes = figure.subplots(4, 1, sharex=True, height_ratios=[1.3, 1, 1, 0.8])
-        _reward(axes[0], map, plan)
+        title = f"Reward, λ = {map.reward.weight:g} (dots: the plan; thin: beyond the limits)"
+        rewards(axes[0], map, plan, title)
         margins(axes[1], map, "Joint margin")
         wrist_angles(axes[2], map, "Wrist in the better direction")
         manipulability(axes[3], map, map.manipulability[None], "Manipulability")
@@ -73,6 +67,19 @@ def draw_study(study: SutureStudy, folder: str | Path) -> list[Path]:
     return [folder / f"{name}.png" for name in ("figures", *panels)]
 
 
+def rewards(axes: Axes, map: DexterityMap, plan: SuturePlan, title: str) -> None:
+    """Draw the reward in both directions, and the plan's sutures."""
+    _both_directions(axes, map, map.values)
+    for position, direction, reward in zip(plan.positions_rad, plan.directions, plan.rewards, strict=True):
+        color = COLOURS[int(direction)]
+        axes.plot(np.degrees(position), reward, "o", color=color, markeredgecolor=style.INK, markersize=8, zorder=4)
+    axes.axhline(plan.reward, color=style.INK, linestyle="--", linewidth=1)
+    worst, box = f"worst suture {plan.reward:.3f}", {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1}
+    place = {"xytext": (-2, -3), "textcoords": "offset points", "ha": "right", "va": "top"}
+    axes.annotate(worst, (360, plan.reward), fontsize=8, bbox=box, **place)  # left out where it is beyond the axes
+    _round_circle(axes, title, "reward D")
+
+
 def directions(axes: Axes, map: DexterityMap, title: str) -> None:
     """Draw the better direction round the circle (Fig. 3), hatched where it is infeasible."""
     theta = np.degrees(map.thetas_rad)
@@ -87,11 +94,11 @@ def directions(axes: Axes, map: DexterityMap, title: str) -> None:
         axes.annotate(f"{switch:.4g}°", (switch, 0.5), xytext=(4, 0), textcoords="offset points", va="center")
     for angle in PAPER_SWITCHES_DEG:
         axes.axvline(angle, color=style.INK, linestyle="--", linewidth=1, label="the paper's changes")
-    axes.set_yticks([0, 1], [TICKS[d] for d in DIRECTIONS])
+    axes.set_yticks([0, 1], [DIRECTION_NAMES[d].replace("counter", "counter-\n") for d in DIRECTIONS])
     axes.set_ylim(1.6, -0.6)
     axes.grid(axis="y", visible=False)
-    _legend_above(axes, 1, axes.get_lines()[:1])
-    _circle_axis(axes, title)
+    _legend_above(axes, handles=axes.get_lines()[:1])
+    _round_circle(axes, title)
 
 
 def wrist_angles(axes: Axes, map: DexterityMap, title: str) -> None:
@@ -107,17 +114,15 @@ def wrist_angles(axes: Axes, map: DexterityMap, title: str) -> None:
         if limit < 1.2 * np.nanmax(largest):
             axes.axhline(limit, color=style.INK, linestyle="--", linewidth=1, label=f"limit of {', '.join(names)}")
             axes.text(362, limit, f"{limit:.4g}°", va="center", fontsize=8)
-    axes.set_ylabel("largest |angle|, deg")
     axes.set_ylim(0, None)
-    _legend_above(axes, 5)
-    _circle_axis(axes, title)
+    _legend_above(axes, ncols=5)
+    _round_circle(axes, title, "largest |angle|, deg")
 
 
 def margins(axes: Axes, map: DexterityMap, title: str) -> None:
     """Draw the joint margin in both directions (Fig. 5), thin where a direction is beyond the limits."""
     _both_directions(axes, map, map.margin)
-    axes.set_ylabel(f"margin Q\n{MARGIN_UNITS[map.reward.margin]}")
-    _circle_axis(axes, title)
+    _round_circle(axes, title, f"margin Q\n{MARGIN_UNITS[map.reward.margin]}")
 
 
 def manipulability(axes: Axes, map: DexterityMap, by_arm: NDArray[np.float64], title: str) -> None:
@@ -127,10 +132,9 @@ def manipulability(axes: Axes, map: DexterityMap, by_arm: NDArray[np.float64], t
     for curve, name, color in zip(by_arm, ("arm 1", f"arm 2{assumed}"), (style.BLUE, style.VERMILION), strict=False):
         axes.plot(np.degrees(map.thetas_rad), curve / 10.0**exponent, color=color, label=name)
     axes.set_ylim(0, None)
-    axes.set_ylabel(f"M ({'demonstrations' if map.recorded else 'surrogate'})\n1e{exponent} m⁴")
     if len(by_arm) > 1:
-        _legend_above(axes, 2)
-    _circle_axis(axes, title)
+        _legend_above(axes, ncols=2)
+    _round_circle(axes, title, f"M ({'demonstrations' if map.recorded else 'surrogate'})\n1e{exponent} m⁴")
 
 
 def lambda_curves(axes: Axes, study: SutureStudy, title: str) -> None:
@@ -138,59 +142,30 @@ def lambda_curves(axes: Axes, study: SutureStudy, title: str) -> None:
     sweep = study.sweep
     theta, colours = np.degrees(sweep.thetas_rad), mpl.colormaps[style.PATHS]
     for weight, curve in zip(sweep.weights, sweep.rewards, strict=True):
-        color = colours(0.92 * weight)
+        color, best = colours(0.92 * weight), int(np.argmax(curve))
         axes.plot(theta, curve, color=color, linewidth=1.4)
-        best = int(np.argmax(curve))
         axes.plot(theta[best], curve[best], "o", color=color, markeredgecolor=style.INK, markersize=5, zorder=4)
     shades = ScalarMappable(cmap=ListedColormap(colours(np.linspace(0, 0.92, 64))))
     bar = axes.figure.colorbar(shades, ax=axes, pad=0.02, aspect=24)  # type: ignore[union-attr]
     bar.set_label("λ, weight of the margin (dots: best)")
-    axes.set_xlim(0, 90)
-    axes.set_xticks(range(0, 91, 15))
-    axes.set_xlabel("theta of the first suture, deg")
-    axes.set_ylabel("reward; 10: best by one part alone")
-    axes.set_title(title)
+    xlabel, ylabel = "theta of the first suture, deg", "reward; 10: best by one part alone"
+    axes.set(title=title, xlim=(0, 90), xticks=range(0, 91, 15), xlabel=xlabel, ylabel=ylabel)
 
 
 def table_bars(axes: Axes, study: SutureStudy, title: str) -> None:
     """Draw Table I as bars beside the paper's."""
     height = 0.38
-    for shift, points, color in (
-        (-height / 2, study.table.points, style.BLUE),
-        (height / 2, PAPER_TABLE_1, PAPER_GREY),
-    ):
+    for shift, points, color in ((-0.5, study.points, style.BLUE), (0.5, PAPER_TABLE_1, PAPER_GREY)):
         for number, value in enumerate(points.ravel()):
-            axes.barh(number + shift, value, height=height, color=color)
-            axes.text(value + 1, number + shift, f"{value:.1f}", va="center", fontsize=8, color=style.INK)
+            axes.barh(number + shift * height, value, height=height, color=color)
+            axes.text(value + 1, number + shift * height, f"{value:.1f}", va="center", fontsize=8, color=style.INK)
     names = [f"{location},\n{allowed}" for location in LOCATIONS for allowed in ALLOWED]
     axes.set_yticks(range(len(names)), names, fontsize=8)
     axes.invert_yaxis()
-    axes.set_xlim(0, 112)
-    axes.set_xlabel("points, the best plan 100")
+    axes.set(title=title, xlim=(0, 112), xlabel="points, the best plan 100")
     axes.grid(axis="y", visible=False)
-    _legend_above(axes, 2, [Patch(color=style.BLUE, label="ours"), Patch(color=PAPER_GREY, label="paper")])
-    axes.set_title(title)
-
-
-def _reward(axes: Axes, map: DexterityMap, plan: SuturePlan) -> None:
-    """Draw the reward in both directions, and the plan's sutures."""
-    _both_directions(axes, map, map.values)
-    for position, direction, reward in zip(plan.positions_rad, plan.directions, plan.rewards, strict=True):
-        color = COLOURS[int(direction)]
-        axes.plot(np.degrees(position), reward, "o", color=color, markeredgecolor=style.INK, markersize=8, zorder=4)
-    axes.axhline(plan.reward, color=style.INK, linestyle="--", linewidth=1)
-    axes.annotate(
-        f"worst suture {plan.reward:.3f}",
-        (360, plan.reward),
-        xytext=(-2, -3),
-        textcoords="offset points",
-        ha="right",
-        va="top",
-        fontsize=8,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0},
-    )
-    axes.set_ylabel("reward D")
-    _circle_axis(axes, f"Reward, λ = {map.reward.weight:g} (dots: the plan; thin: beyond the limits)")
+    ours, paper = Patch(color=style.BLUE, label="ours"), Patch(color=PAPER_GREY, label="paper")
+    _legend_above(axes, ncols=2, handles=[ours, paper])
 
 
 def _both_directions(axes: Axes, map: DexterityMap, values: NDArray[np.float64]) -> None:
@@ -204,27 +179,15 @@ def _both_directions(axes: Axes, map: DexterityMap, values: NDArray[np.float64])
     low, high = (float(near.min()), float(near.max())) if len(near) else (0.0, 0.0)
     room = 0.06 * (high - low or 1.0)
     axes.set_ylim(low - room, high + room)
-    _legend_above(axes, 2)
+    _legend_above(axes, ncols=2)
 
 
-def _legend_above(axes: Axes, columns: int, handles: Sequence[Artist] | None = None) -> None:
+def _legend_above(axes: Axes, **how: Any) -> None:
     """Put the legend above the axes on the right, where there are no data."""
-    axes.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=columns,
-        borderaxespad=0.2,
-        handlelength=1.2,
-        columnspacing=1.0,
-        handletextpad=0.5,
-        fontsize=8,
-    )
+    spacing = {"borderaxespad": 0.2, "handlelength": 1.2, "columnspacing": 1.0, "handletextpad": 0.5}
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), fontsize=8, **spacing, **how)
 
 
-def _circle_axis(axes: Axes, title: str) -> None:
-    """Label the positions on the circle."""
-    axes.set_xlim(0, 360)
-    axes.set_xticks(range(0, 361, 45))
-    axes.set_xlabel("theta, deg")
-    axes.set_title(title)
+def _round_circle(axes: Axes, title: str, ylabel: str = "") -> None:
+    """Label the axes of a panel over the positions on the circle."""
+    axes.set(title=title, xlim=(0, 360), xticks=range(0, 361, 45), xlabel="theta, deg", ylabel=ylabel)

@@ -1,0 +1,135 @@
+"""A laboratory of real arms: the same scripts as in the simulated one, on the machine's clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from types import TracebackType
+from typing import Any, Self
+
+import trio
+
+from trocar.cell import Camera, Cell, Result
+from trocar.lab import Station
+from trocar.log import CellLog
+from trocar.robots import ArmGuard, Guarded
+from trocar.robots.concurrency import cause_of
+from trocar.robots.hardware_arm import Connect, DrivenArm, LoopSettings
+from trocar.robots.hardware_robot import HardwareRobot
+
+
+class WallClock:
+    """The machine's monotonic clock, from its time ``origin_s`` on."""
+
+    def __init__(self, origin_s: float):
+        self.origin_s = origin_s
+
+    def now_s(self) -> float:
+        """Return the time since the cell was started."""
+        return time.monotonic() - self.origin_s
+
+    async def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        await trio.sleep(seconds)
+
+    async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
+        """Return a function's result, computed in a thread beside the scripts, and the real time that it took."""
+        begin = time.perf_counter()
+        result = await trio.to_thread.run_sync(function)
+        return result, time.perf_counter() - begin
+
+
+class HardwareLaboratory:
+    """Real arms of a station, ready to run scripts; a context manager that leaves them holding.
+
+    The arms are driven by a loop in a process of its own (``trocar.robots.hardware_loop``) behind a guard. Whatever
+    ends a script, the arms come to rest within their limits.
+
+    Attributes:
+        cell: what scripts are given; bases and cameras where the station has them registered.
+        robot: the arms without their guard: emergency stop, faults.
+        log: what scripts, guard and loop note.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        connect: Connect,
+        settings: LoopSettings | None = None,
+        *,
+        cameras: Mapping[str, Camera] | None = None,
+        listener: Callable[[Mapping[str, object]], None] | None = None,
+    ):
+        """Connect the station's arms.
+
+        Args:
+            station: names the arms, their limits, bases and workspaces.
+            connect: connects an arm by its name; called in the loop's process, so it must be a function of a module
+                (or a ``functools.partial`` of one).
+            settings: what the loop tolerates.
+            cameras: by name.
+            listener: called with each event of the log.
+
+        Raises:
+            TrocarError: an arm could not be connected.
+        """
+        driven = {name: DrivenArm(arm.model, arm.limits) for name, arm in station.arms.items()}
+        clock = WallClock(time.monotonic())
+        self.log = CellLog(clock.now_s, listener=listener)
+        self.robot = HardwareRobot(driven, connect, settings, origin_s=clock.origin_s, note=self.log.event)
+        bases = {
+            name: arm.T_world_base if arm.T_world_base_registered is None else arm.T_world_base_registered
+            for name, arm in station.arms.items()
+        }
+        guards = {
+            name: ArmGuard(arm.model, arm.limits, bases[name], arm.workspace_m) for name, arm in station.arms.items()
+        }
+        self._guard = Guarded(self.robot, guards, min_distance_m=station.min_distance_m, note=self.log.event)
+        self.cell = Cell(
+            robot=self._guard,
+            cameras=cameras or {},
+            arms=station.models,
+            T_world_base_registered=bases,
+            T_world_camera_registered={},
+            T_world_fixture=station.T_world_fixture,
+            clock=clock,
+            log=self.log,
+        )
+
+    def run(self, script: Callable[[Cell], Awaitable[Any]], budget_s: float) -> bool:
+        """Run a script to its end; return whether it ended within its budget. Afterwards every arm is at rest.
+
+        Raises:
+            BaseException: whatever the script raises, and ``ArmFault`` if the loop's process has ended.
+        """
+        try:
+            return trio.run(self._run, script, budget_s)
+        except BaseException as error:
+            raise cause_of(error) from None
+
+    async def _run(self, script: Callable[[Cell], Awaitable[Any]], budget_s: float) -> bool:
+        ended = False
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self.robot.attend, self._guard.check)
+            try:
+                with trio.move_on_after(budget_s):
+                    await script(self.cell)
+                    ended = True
+            finally:
+                with trio.CancelScope(shield=True):
+                    self.cell.robot.hold(reason="the script has ended")
+                    await self.cell.robot.rest()
+                nursery.cancel_scope.cancel()
+        return ended
+
+    def close(self) -> None:
+        """Leave the arms holding where they are, and end their loop."""
+        self.robot.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

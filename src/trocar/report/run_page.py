@@ -1,0 +1,271 @@
+"""A run's page: headline, figures, pictures, and what the simulator assumes."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from trocar.counting import counted
+from trocar.eval import TASKS, TaskReport, in_words, pick_method
+from trocar.eval.trial import Trial
+from trocar.files.output import write_text
+from trocar.lab.flaws import DEFAULT, HARSH, HARSHER, MILD, RECORDED
+from trocar.lab.station_file import built_in_stations, station_digest
+from trocar.report.page import Captioned, bullets, document, paragraph, picture, section, table
+from trocar.report.stills import Failed
+from trocar.report.summary import MISSED_WARNING
+from trocar.report.tables import (
+    failures_table,
+    goals_table,
+    parts_table,
+    percent,
+    run_table,
+    table_of,
+    trials_table,
+)
+
+REPLAY = "replay.html"
+
+
+def place_of(trial: Trial) -> str:
+    """Return which trial it is, in words."""
+    return f"session {trial.about['session']}, trial {trial.about['index']}"
+
+
+def write_page(
+    path: str | Path,
+    summary: Mapping[str, Any],
+    trials: Sequence[Trial],
+    report: TaskReport,
+    *,
+    failed: Sequence[Failed],
+    failed_pictures: Sequence[Captioned],
+    storyboard: Sequence[Captioned],
+    timechart: Captioned | None,
+    notes: Sequence[str],
+    strange: Sequence[str],
+    command: str,
+) -> Path:
+    """Write the page of a run and return its path; the replay of the first trial, if there is one, is beside it.
+
+    Args:
+        path: of the page.
+        summary: of the run.
+        trials: likewise, without their arrays; pictures are of the first.
+        report: of their task.
+        failed: all goals that were not reached; pictures of some of them.
+        failed_pictures: these pictures.
+        storyboard: pictures of the first trial, and others that a task draws.
+        timechart: what took the time; None: nothing was noted.
+        notes: sentences that a reader must know.
+        strange: sentences about what is missing or unexpected.
+        command: that repeats the run.
+    """
+    compared = [run_table(summary, report.paper_rows(summary), report.paper_count(summary)), *report.tables(summary)]
+    goals = [goals_table(trials, report), *([trials_table(trials)] if len(trials) > 1 else [])]
+    failures = failures_table(summary["failures"], summary["attempted"], summary["goal_noun"], report)
+    parts_s = table(parts_table(summary)) if summary["parts_s"] else ""
+    names = (str(summary[key]) for key in ("task", "variant", "method") if summary[key])
+    title = ", ".join(name.replace("-", " ") for name in names)
+    sections = {
+        "compared": ("Beside the paper" if len(compared[0].rows) > 1 else "In numbers", map(table, compared)),
+        "goals": (f"{summary['goal_noun'].capitalize()}s", map(table, goals)),
+        "failures": ("Failures", _failures(summary["goal_noun"], table(failures), failed, failed_pictures)),
+        "replay": ("Replay", _replay(Path(path), place_of(trials[0]))),
+        "pictures": ("Pictures", map(picture, storyboard)),
+        "time": ("Time", [parts_s, picture(timechart) if timechart else ""]),
+        "assumed": ("What was assumed", _assumed(summary, notes)),
+        "again": ("How to run it again", _reproduced(summary, command)),
+    }
+    made = {name: (head, made) for name, (head, parts) in sections.items() if (made := section(name, head, *parts))}
+    links = "".join(f'<a href="#{name}">{escape(head)}</a>' for name, (head, _) in made.items())
+    parts = [
+        f"<nav aria-label=Contents>{links}</nav>",
+        _headline(summary),
+        *(paragraph(sentence, "warning") for sentence in [*strange, *_warnings(summary)]),
+        *(html for _, html in made.values()),
+    ]
+    model = f", cable model {summary['model']}" if summary["model"] else ""
+    where = (
+        f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')} at station "
+        f"{summary['station']}, seed {summary['seed']}{model}, planner {summary['planner']}."
+    )
+    sub = [where, "Simulated. Research use only, not a medical device."]
+    return write_text(path, document(f"{title[:1].upper()}{title[1:]}", sub, parts), "report")
+
+
+def _headline(summary: Mapping[str, Any]) -> str:
+    """Return cards with success and its interval, time, collisions, complete trials."""
+    noun, whole, mean_s = summary["goal_noun"], summary["completion_time_s"], summary["mean_time_s"]
+    low, high = summary["success_ci95"]
+    interval = f"95 % interval {100 * low:.1f} to {percent(high)}, counting {counted(summary['sessions'], 'session')}"
+    spread = "" if whole["sd"] is None else f" ± {whole['sd']:.1f} (SD)"
+    done = f"{summary['succeeded']} of {summary['attempted']}"
+    complete = f"{summary['complete_trials']} of {summary['trials']}"
+    cards = (
+        (f"{noun}s done", done, f"{percent(summary['success_rate'])}, {interval}"),
+        (
+            f"mean time of a {noun}",
+            "-" if mean_s is None else f"{mean_s:.2f} s",
+            f"a whole trial: {whole['mean']:.1f}{spread} s",
+        ),
+        ("collisions per trial", f"{summary['collisions_per_trial']:.2f}", counted(summary["trials"], "trial")),
+        ("complete trials", complete, f"in which every {noun} succeeded"),
+    )
+    inside = "".join(
+        f"<div><dt>{escape(what)}</dt><dd class=figure>{escape(value)}</dd><dd class=quiet>{escape(more)}</dd></div>"
+        for what, value, more in cards
+    )
+    return f"<dl class=headline>{inside}</dl>"
+
+
+def _warnings(summary: Mapping[str, Any]) -> list[str]:
+    """Return reasons to doubt the figures."""
+    if summary["missed_budgets"] <= MISSED_WARNING:
+        return []
+    return [
+        f"{percent(summary['missed_budgets'])} of computations take longer than the trial's clock counted for them, "
+        "even where that time was declared (the machine's speed is taken into account): a real arm would have waited."
+    ]
+
+
+def _failures(noun: str, counts: str, failed: Sequence[Failed], drawn: Sequence[Captioned]) -> list[str]:
+    """Return the failures by name, and a picture of each goal that was not reached."""
+    if not failed:
+        return [paragraph(f"No failure: every {noun} that was attempted succeeded.")]
+    stems = {shown.path.stem for shown in drawn}
+    left = [
+        f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
+        for one in failed
+        if one.stem not in stems
+    ]
+    if not drawn:
+        return [counts]
+    more = f"{counted(len(left), 'more failure')} without a picture here: {', '.join(left)}."
+    pictures = f"<div class=pictures>{''.join(map(picture, drawn))}</div>"
+    return [counts, pictures, paragraph(more, "quiet") if left else ""]
+
+
+def _replay(path: Path, shown: str) -> list[str]:
+    if not path.with_name(REPLAY).is_file():
+        return []
+    return [
+        f"<figure><iframe class=screen src={REPLAY} loading=lazy title='3D replay of {escape(shown)}'></iframe>"
+        f'<figcaption>{escape(shown.capitalize())} in 3D; drag to rotate, scroll to zoom. <a href="{REPLAY}">'
+        f"{REPLAY}</a> is next to this page.</figcaption></figure>"
+    ]
+
+
+LEVELS = {
+    RECORDED: "The laboratory's errors are as large as in recordings of real instruments, or assumed where none exist.",
+    MILD: "The laboratory's errors are smaller than in recordings of real instruments.",
+    HARSH: f"The laboratory's errors are {HARSHER:g} times as large as in recordings of real instruments.",
+}
+
+
+def _assumed(summary: Mapping[str, Any], notes: Sequence[str]) -> list[str]:
+    """Return how hard the laboratory was, every flaw with its size, and sentences that a reader must know."""
+    flaws = {str(what): str(how) for what, how in summary["flaws"].items()}
+    difficulty = flaws.pop("difficulty", "")
+    level, _, named = difficulty.partition(", ")
+    own = " The flaws named here have their own sizes." if named else ""
+    told = [(what, how) for what, how in flaws.items() if ": " not in what]
+    sized = [(*what.split(": ", 1), how) for what, how in flaws.items() if ": " in what]
+    rows = [(name, how, about) for name, about, how in sized]
+    return [
+        paragraph(f"Difficulty: {difficulty}. {LEVELS.get(level, '')}{own}") if difficulty else "",
+        bullets(f"{note[:1].upper()}{note[1:]}." for note in notes),
+        table(table_of(("what the laboratory has", "how"), told), compact=True) if told else "",
+        table(table_of(("flaw", "size", "what it is"), rows), compact=True) if rows else "",
+    ]
+
+
+def _reproduced(summary: Mapping[str, Any], command: str) -> list[str]:
+    """Return the command, what it was run with, and how fast it was."""
+    use, factor = summary["command_limit_use"], summary["realtime_factor"]
+    compute = "; ".join(
+        f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in sorted(summary["compute_ms"].items())
+    )
+    speed = "-" if summary["machine_speed"] is None else f"{summary['machine_speed']:.2f}"
+    limits = f"velocity {percent(use['velocity'])}, acceleration {percent(use['acceleration'])}"
+    rows = [
+        ("seed", str(summary["seed"])),
+        ("versions", ", ".join(f"{name} {number}" for name, number in summary["versions"].items())),
+        ("fingerprint of the run", str(summary["fingerprint"])),
+        ("computations, median / 95th percentile", compute or "-"),
+        ("computations over their budget", percent(summary["missed_budgets"])),
+        ("speed of this machine beside the one for which budgets were declared", speed),
+        ("speed of the simulation", "-" if factor is None else f"{factor:.1f} x real time"),
+        ("largest share of the limits sent", limits),
+    ]
+    said = "The same command with the same versions makes the same trials, byte for byte; computation times differ."
+    if "FILE" in command.split():
+        said += " FILE stands for a file that was given."
+    code = f"<pre><code>{escape(command)}</code></pre>"
+    return [code, paragraph(said), table(table_of(("what", "value"), rows), compact=True)]
+
+
+FILE = "FILE"
+"""Placeholder for a path, because a run stores the content of its files, not their paths."""
+
+
+def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
+    """Return the command that runs the same trials again (``trials`` a session), ``FILE`` for each file given.
+
+    ``about`` is a trial's: what distinguishes its run from others.
+    """
+    task = TASKS[about["task"]] if about["task"] in TASKS else None  # noqa: SIM401 (a registry has no get)
+    words: list[str] = ["trocar", "run", about["task"]]
+    words += ["--plugin", FILE] * len(about["plugins"])
+    words += _options(task, about["options"])
+    words += ["--method", about["method"]]
+    if about["model"] and about["model"] != "play":
+        words += ["--model", about["model"]]
+    if about["calibration"]:
+        words += ["--calibration", about["calibration"]]
+    if about["prior"] not in (None, "none"):
+        words += ["--prior", about["prior"] if about["prior"] == "fleet" else FILE]
+    usual = pick_method(task, about["method"]) if task is not None else None
+    for name in ("planner", "perception"):
+        if about[name] and (usual is None or about[name] != getattr(usual, name)):
+            words += [f"--{name}", about[name]]
+    for setting in about["set"]:
+        words += ["--set", setting]
+    words += _station(task, about)
+    level, *named = map(str, about["difficulty"] or [DEFAULT])
+    words += ["--difficulty", level] if level != DEFAULT else []
+    for flaw in named:
+        words += ["--flaw", flaw]
+    switches = ("new_session", "refit_offsets", "flawless_camera")
+    words += [f"--{name.replace('_', '-')}" for name in switches if about[name]]
+    words += ["--sessions", str(sessions), "--trials", str(trials), "--seed", str(about["seed"])]
+    return shlex.join(words)
+
+
+def _options(task: Any, given: Mapping[str, Any]) -> list[str]:
+    """Return the task's own options that differ from their defaults; all, if the task is unknown here."""
+    usual = task().options() if task is not None else {}
+    flags = {f.name: f.metadata.get("flag") or f.name for f in fields(task)} if task is not None else {}
+    words: list[str] = []
+    for name, value in given.items():
+        if value is None or (name in usual and usual[name] == value):
+            continue
+        flag = f"--{flags.get(name, name).replace('_', '-')}"
+        if isinstance(value, bool):
+            words.append(flag if value else f"--no-{flag[2:]}")
+        else:
+            words += [flag, FILE if isinstance(value, dict | list) else str(value)]
+    return words
+
+
+def _station(task: Any, about: Mapping[str, Any]) -> list[str]:
+    """Return the option of the station, if it is not the task's default."""
+    name, digest = about["station"], about["station_digest"]
+    built_in = name in built_in_stations() and digest == station_digest(name)
+    if built_in and task is not None and name == task.station:
+        return []
+    return ["--station", name if built_in else FILE]

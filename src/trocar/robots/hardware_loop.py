@@ -1,0 +1,475 @@
+"""The loop that drives real arms, in a process of its own: nothing that a script computes can make it late.
+
+Each tick takes the next set-points of all arms, sends them, reads the encoders, and checks what it read. The motions'
+own time advances by one period a tick, however late the tick is: a late loop makes a motion slower, never faster, and
+what is sent stays within the limits. Whatever goes wrong brakes the arm on its path, and is named.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.cell import JointReading, MotionEnd, SetPoint
+from trocar.errors import ArmMoving, StartMismatch, TrocarError
+from trocar.robots.driver import Completion, Driver
+from trocar.robots.executor import Ending
+from trocar.robots.hardware_arm import (
+    LATCHED,
+    ArmFault,
+    Connect,
+    DrivenArm,
+    Fault,
+    HardwareArm,
+    LoopSettings,
+)
+from trocar.trajectory import Trajectory
+
+START_TOLERANCE = 1e-6
+STEP_TOLERANCE = 1e-6
+"""A set-point may exceed a limit by this share: rounding."""
+JITTER_SHARE = 0.1
+"""A tick that is later than this share of its period moves those that follow, so that no two come closer together."""
+LATE_SHARE = 0.5
+MAX_UNSENT = 1000
+"""While so many reports wait to be read, only those are kept that tell what was asked for."""
+LAST_WORDS_S = 0.5
+
+
+@dataclass(frozen=True)
+class Start:
+    """Start trajectories: at once and from rest, or taking over at a tick."""
+
+    key: int
+    motions: Mapping[str, Trajectory]
+    at_tick: int | None = None
+
+
+@dataclass(frozen=True)
+class Jaw:
+    """Drive an arm's jaws."""
+
+    key: int
+    arm: str
+    angle_rad: float
+
+
+class Reason(TrocarError):
+    """Stands for a reason that the scripts' process keeps; to load its class in the loop's would delay a stop.
+
+    Attributes:
+        key: of the reason.
+    """
+
+    def __init__(self, key: int):
+        self.key = key
+        super().__init__(f"reason {key}")
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Bring arms to rest on their paths."""
+
+    arms: tuple[str, ...]
+    ended: MotionEnd
+    reason: Reason
+
+
+@dataclass(frozen=True)
+class EmergencyStop:
+    """Bring all arms to rest, for good."""
+
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class Clear:
+    """Forget the faults of arms."""
+
+    arms: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Alive:
+    """The scripts' process is alive."""
+
+
+@dataclass(frozen=True)
+class Close:
+    """Come to rest and end."""
+
+
+@dataclass
+class ArmReport:
+    """One arm after a tick.
+
+    Attributes:
+        sent: (7,) what it was sent: joints and jaw.
+        reading: its encoders, on the loop's clock.
+        setpoint: the command ``lead_ticks`` from now, where a motion that takes over has to start.
+        braking: the rest of a motion that comes to rest early, and when it began, in the tick in which that began.
+        jaw_goal_rad: where its jaws go.
+        limit_use: largest share of velocity and acceleration limits in what was sent so far.
+    """
+
+    sent: NDArray[np.float64]
+    reading: JointReading
+    setpoint: SetPoint
+    braking: tuple[Trajectory, float] | None
+    jaw_goal_rad: float
+    limit_use: tuple[float, float]
+
+
+@dataclass
+class Report:
+    """What happened in a tick.
+
+    Attributes:
+        tick: its number.
+        clock_s: the motions' own time.
+        time_s: the machine's monotonic clock.
+        late_s: how late the tick was.
+        arms: by name.
+        over: keys, arms and endings of motions and jaws that are over.
+        refused: keys of motions that were not started, and why.
+        faults: that came up.
+    """
+
+    tick: int
+    clock_s: float
+    time_s: float
+    late_s: float
+    arms: dict[str, ArmReport] = field(default_factory=dict)
+    over: list[tuple[int, str, Ending]] = field(default_factory=list)
+    refused: list[tuple[int, TrocarError]] = field(default_factory=list)
+    faults: list[ArmFault] = field(default_factory=list)
+
+    @property
+    def eventful(self) -> bool:
+        """Return whether somebody waits for what it tells."""
+        braking = any(arm.braking is not None for arm in self.arms.values())
+        return braking or bool(self.over or self.refused or self.faults)
+
+
+class HardwareLoop:
+    """Drives arms tick by tick.
+
+    Args:
+        arms: by name.
+        connect: connects one of them.
+        settings: what is tolerated.
+    """
+
+    def __init__(self, arms: Mapping[str, DrivenArm], connect: Connect, settings: LoopSettings):
+        self.settings, self._arms = settings, dict(arms)
+        self._ticks = 0
+        self.driver = Driver(lambda: self._ticks * settings.tick_s, records=False)
+        self.inbox: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self.closed = False
+        self._devices: dict[str, HardwareArm] = {}
+        self._sent: dict[str, deque[NDArray[np.float64]]] = {}
+        self._velocity: dict[str, NDArray[np.float64]] = {}
+        self._read: dict[str, JointReading] = {}
+        self._faults: dict[str, ArmFault] = {}
+        self._dead: set[str] = set()
+        self._waiting: dict[tuple[int, str], Completion] = {}
+        self._jaw_goals: dict[str, float] = {}
+        self._to_come: list[Start] = []
+        self._late: deque[float] = deque()
+        self._heard_s = time.monotonic()
+        self._braked: dict[str, bool] = dict.fromkeys(arms, False)
+        self._closing = False
+        lag = 1 + int(np.ceil(settings.lag_s / settings.tick_s))
+        for name, arm in self._arms.items():
+            self._devices[name] = connect(name)
+            q, jaw_rad = self._devices[name].commanded()
+            q = np.array(q, dtype=np.float64)
+            if q.shape != (6,) or not np.isfinite(np.append(q, jaw_rad)).all():
+                raise ArmFault(name, Fault.INVALID, f"its controller holds {q}, jaw {jaw_rad}")
+            self.driver.attach(name, arm.model, arm.limits, q, jaw_rad)
+            self._sent[name] = deque([q], maxlen=lag)
+            self._velocity[name] = np.zeros(6)
+            self._jaw_goals[name] = jaw_rad
+
+    def tick(self, late_s: float = 0.0) -> Report:
+        """Send the next set-points, read, check; return what happened."""
+        self._report = Report(self._ticks + 1, (self._ticks + 1) * self.settings.tick_s, time.monotonic(), late_s)
+        self._hear()
+        self._watch(late_s)
+        self._take_over()
+        ahead = np.array([(self._ticks + 1) * self.settings.tick_s])
+        for name in self._arms:
+            self._send(name, *self.driver.targets(name, ahead))
+        self._ticks += 1
+        self._read |= {name: reading for name in self._arms if (reading := self._reading(name)) is not None}
+        self.driver.note(self._ticks * self.settings.tick_s, self._read)
+        self._tell()
+        if self._closing and all(self.driver.idle(name) for name in self._arms):
+            self.close()
+        return self._report
+
+    def close(self) -> None:
+        """Leave the arms as they are."""
+        self.closed = True
+        for device in self._devices.values():
+            with contextlib.suppress(Exception):
+                device.close()
+
+    def _hear(self) -> None:
+        """Do what the scripts' process says."""
+        while not self.inbox.empty():
+            said = self.inbox.get()
+            self._heard_s = time.monotonic()
+            match said:
+                case Start():
+                    self._start(said)
+                case Jaw():
+                    self._start_jaw(said)
+                case Stop():
+                    self._stop(said.arms or tuple(self._arms), said.ended, said.reason)
+                case EmergencyStop():
+                    self._fault_all(Fault.EMERGENCY, said.detail)
+                case Clear():
+                    self._clear(said.arms or tuple(self._arms))
+                case Close():
+                    self._closing = True
+                    self._stop(tuple(self._arms), MotionEnd.HELD, "the loop is closed")
+                case None:  # the connection has ended
+                    self._closing = True
+                    self._fault_all(Fault.ORPHANED)
+
+    def _start_jaw(self, jaw: Jaw) -> None:
+        if jaw.arm in self._faults:
+            self._report.over.append((jaw.key, jaw.arm, Ending(MotionEnd.FAULT, self._faults[jaw.arm])))
+            return
+        self._waiting[jaw.key, jaw.arm] = self.driver.start_jaw(jaw.arm, jaw.angle_rad)
+        self._jaw_goals[jaw.arm] = jaw.angle_rad
+
+    def _clear(self, arms: Iterable[str]) -> None:
+        """Forget faults, but of arms whose connection is broken."""
+        for name in arms:
+            if name not in self._dead:
+                self._faults.pop(name, None)
+
+    def _start(self, start: Start) -> None:
+        """Start motions, or keep them for their tick."""
+        faulty = [self._faults[name] for name in start.motions if name in self._faults]
+        if faulty:
+            self._report.over += [(start.key, name, Ending(MotionEnd.FAULT, faulty[0])) for name in start.motions]
+        elif self._closing:
+            gone = Ending(MotionEnd.FAULT, ArmFault(next(iter(start.motions)), Fault.GONE))
+            self._report.over += [(start.key, name, gone) for name in start.motions]
+        elif start.at_tick is not None and start.at_tick >= self._ticks:
+            self._to_come.append(start)
+        elif (refusal := self._refusal(start)) is not None:
+            self._report.refused.append((start.key, refusal))
+        else:
+            self._begin(start)
+
+    def _refusal(self, start: Start) -> TrocarError | None:
+        """Return why motions cannot start now: an arm moves, or is elsewhere."""
+        for name, motion in start.motions.items():
+            now = self.driver.setpoint(name)
+            if now.moving and start.at_tick is None:
+                return ArmMoving(name)
+            first = motion.times_s[0]
+            jump = float(np.abs(motion(first) - now.q).max())
+            kick = np.abs(motion(first, 1) - now.velocity) - self._arms[name].limits.acceleration * self.settings.tick_s
+            if jump > START_TOLERANCE or (kick > 0).any():
+                problem = f"starts {jump:.6f} rad (or m) away from its set-point, or comes too late to take over"
+                return StartMismatch(name, problem, "plan it from its set-point")
+        return None
+
+    def _begin(self, start: Start) -> None:
+        for name, completion in self.driver.start(start.motions).items():
+            self._waiting[start.key, name] = completion
+            self._braked[name] = False
+
+    def _take_over(self) -> None:
+        """Start the motions whose tick has come."""
+        for start in [start for start in self._to_come if start.at_tick == self._ticks]:
+            self._to_come.remove(start)
+            refusal = self._refusal(start)
+            if refusal is None:
+                self._begin(start)
+            else:
+                self._report.refused.append((start.key, refusal))
+
+    def _watch(self, late_s: float) -> None:
+        """Stop moving arms if the loop is late, or the scripts' process is silent."""
+        now, settings = time.monotonic(), self.settings
+        if late_s > LATE_SHARE * settings.tick_s:
+            self._late.append(now)
+        while self._late and self._late[0] < now - 1.0:
+            self._late.popleft()
+        silent_s = now - self._heard_s
+        for name in self._arms:
+            if self.driver.idle(name) or self.driver.braking(name):
+                continue
+            if late_s > settings.max_stall_s:
+                self._fault(name, Fault.LATE, f"one tick by {late_s:.3f} s, more than {settings.max_stall_s:g} s")
+            elif len(self._late) > settings.max_late:
+                self._fault(name, Fault.LATE, f"{len(self._late)} ticks in a second, more than {settings.max_late}")
+            elif silent_s > settings.watchdog_s and not self._closing:
+                self._fault(name, Fault.WATCHDOG, f"for {silent_s:.2f} s, more than {settings.watchdog_s:g} s")
+
+    def _send(
+        self, name: str, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: NDArray[np.float64]
+    ) -> None:
+        """Send a set-point, unless it is beyond the limits, which would be a mistake of this package."""
+        if name in self._dead:
+            return
+        arm, step = self._arms[name], q[-1] - self._sent[name][-1]
+        bound = arm.limits.velocity * self.settings.tick_s
+        change = np.abs(velocity[-1] - self._velocity[name]) / (arm.limits.acceleration * self.settings.tick_s)
+        if not (
+            np.all(np.abs(step) <= bound * (1 + STEP_TOLERANCE) + 1e-12) and change.max() <= 2 * (1 + STEP_TOLERANCE)
+        ):
+            self._dead.add(name)
+            self._fault(name, Fault.STEP, f"a step of {np.abs(step / bound).max():.3f} of its limit")
+            return
+        try:
+            self._devices[name].send(q[-1], velocity[-1], float(jaw_rad[-1]))
+        except Exception as error:
+            self._dead.add(name)
+            self._fault(name, Fault.DEVICE, f"send: {type(error).__name__}: {error}")
+            return
+        self._sent[name].append(q[-1])
+        self._velocity[name] = velocity[-1]
+
+    def _reading(self, name: str) -> JointReading | None:
+        """Return what an arm's encoders read, if they can be trusted; else stop it."""
+        if name in self._dead:
+            return None
+        try:
+            read = self._devices[name].read()
+            q, jaw_rad, age_s = np.array(read.q, dtype=np.float64), float(read.jaw_rad), float(read.age_s)
+        except Exception as error:
+            self._fault(name, Fault.DEVICE, f"read: {type(error).__name__}: {error}")
+            return None
+        if q.shape != (6,) or not np.isfinite([*q, jaw_rad, age_s]).all():
+            self._fault(name, Fault.INVALID, f"{q}, jaw {jaw_rad}, age {age_s}")
+            return None
+        if age_s > self.settings.stale_s:
+            self._fault(name, Fault.STALE, f"for {age_s:.3f} s, more than {self.settings.stale_s:g} s")
+            return None
+        off = np.abs(np.array(self._sent[name]) - q).min(axis=0) - self._arms[name].following(self.settings)
+        if (off > 0).any() and name not in self._faults:
+            joint = self._arms[name].model.joints[int(np.argmax(off))]
+            self._fault(name, Fault.FOLLOWING, f"joint {joint.name!r} reads {q[int(np.argmax(off))]:.4f} {joint.unit}")
+        return JointReading(self._ticks * self.settings.tick_s - age_s, q, jaw_rad)
+
+    def _stop(self, arms: Iterable[str], ended: MotionEnd, reason: TrocarError | str) -> None:
+        """Bring arms to rest, and drop what was to take over."""
+        for start in [start for start in self._to_come if set(start.motions) & set(arms)]:
+            self._to_come.remove(start)
+            why = reason if isinstance(reason, TrocarError) else ArmMoving(next(iter(start.motions)))
+            self._report.refused.append((start.key, why))
+        for name in arms:
+            if ended is MotionEnd.FAULT:
+                self.driver.fault(name, reason=reason)
+            elif ended is MotionEnd.CANCELLED:
+                self.driver.cancel(name)
+            else:
+                self.driver.hold(name, reason=reason)
+
+    def _fault(self, name: str, fault: Fault, detail: str = "") -> None:
+        """Stop an arm because something is wrong; tell once."""
+        told = self._faults.get(name)
+        if told is not None and told.fault is fault:
+            return
+        found = ArmFault(name, fault, detail)
+        if fault in LATCHED:
+            self._faults[name] = found
+        self._report.faults.append(found)
+        self._stop([name], MotionEnd.FAULT, found)
+
+    def _fault_all(self, fault: Fault, detail: str = "") -> None:
+        for name in self._arms:
+            self._fault(name, fault, detail)
+
+    def _tell(self) -> None:
+        """Complete the report of a tick."""
+        report, lead_s = self._report, self.settings.lead_ticks * self.settings.tick_s
+        for key, completion in list(self._waiting.items()):
+            if completion.over.is_set():
+                report.over.append((*key, completion.ending))
+                del self._waiting[key]
+        for name in self._arms:
+            braking = self.driver.braking(name)
+            remaining = self.driver.remaining(name) if braking and not self._braked[name] else None
+            self._braked[name] = braking
+            report.arms[name] = ArmReport(
+                np.append(self._sent[name][-1], self.driver.jaw_command_rad(name)),
+                self.driver.read(name),
+                self.driver.setpoint(name, lead_s),
+                remaining,
+                self._jaw_goals[name],
+                self.driver.limit_use(name),
+            )
+
+
+def serve(
+    arms: Mapping[str, DrivenArm], connect: Connect, settings: LoopSettings, said: Connection, told: Connection
+) -> None:
+    """Be the loop's process: connect, tick, until it is told to close or the scripts' process has ended.
+
+    Args:
+        arms: by name.
+        connect: connects one of them.
+        settings: what is tolerated.
+        said: what the scripts' process says.
+        told: where reports go; the first thing is None, or why the arms could not be connected.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the script, which brakes the arms
+    try:
+        loop = HardwareLoop(arms, connect, settings)
+    except Exception as error:
+        told.send(error if isinstance(error, TrocarError) else f"{type(error).__name__}: {error}")
+        return
+    signal.signal(signal.SIGTERM, lambda *_: loop.inbox.put(Close()))
+    if settings.priority > 0 and hasattr(os, "sched_setscheduler"):
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(settings.priority))
+    told.send(None)
+    unsent: queue.SimpleQueue[Report] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(said, loop.inbox), daemon=True).start()
+    threading.Thread(target=_tell, args=(unsent, told), daemon=True).start()
+    due_s = time.monotonic() + settings.tick_s
+    while not loop.closed:
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        now_s = time.monotonic()
+        late_s = now_s - due_s
+        report = loop.tick(late_s)
+        if unsent.qsize() < MAX_UNSENT or report.eventful:
+            unsent.put(report)
+        due_s = (due_s if late_s < JITTER_SHARE * settings.tick_s else now_s) + settings.tick_s
+    deadline_s = time.monotonic() + LAST_WORDS_S
+    while not unsent.empty() and time.monotonic() < deadline_s:
+        time.sleep(settings.tick_s)
+
+
+def _listen(said: Connection, inbox: queue.SimpleQueue[object]) -> None:
+    """Pass on what is said; None at the end."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            inbox.put(said.recv())
+    inbox.put(None)
+
+
+def _tell(unsent: queue.SimpleQueue[Report], told: Connection) -> None:
+    """Send reports in a thread of its own: a reader that is frozen must not stop the arms' loop."""
+    with contextlib.suppress(OSError):
+        while True:
+            told.send(unsent.get())

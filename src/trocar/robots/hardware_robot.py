@@ -1,0 +1,356 @@
+"""Real arms behind the ``Robot`` protocol: the scripts' side of the loop that drives them in another process."""
+
+from __future__ import annotations
+
+import itertools
+import multiprocessing
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+
+from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
+from trocar.errors import ArmMoving, ArmStopped, TrocarError, UnknownName
+from trocar.robots.driver import JAW_REST_S
+from trocar.robots.executor import Ending
+from trocar.robots.hardware_arm import ArmFault, Connect, DrivenArm, Fault, LoopSettings
+from trocar.robots.hardware_loop import (
+    Alive,
+    ArmReport,
+    Clear,
+    Close,
+    EmergencyStop,
+    Jaw,
+    Reason,
+    Report,
+    Start,
+    Stop,
+    serve,
+)
+from trocar.trajectory import Trajectory
+
+CONNECT_S = 20.0
+"""The loop's process has this long to start and to connect all arms."""
+ALIVE_S = 0.1
+"""Signs of life are given this often."""
+
+
+@dataclass
+class _Job:
+    """Motions, or jaws, that were asked for in one call."""
+
+    arms: set[str]
+    first: int
+    motions: Mapping[str, Trajectory] = field(default_factory=dict)
+    endings: dict[str, Ending] = field(default_factory=dict)
+    rows: dict[str, list[tuple[float, ArmReport]]] = field(default_factory=dict)
+    refusal: TrocarError | None = None
+    over: trio.Event = field(default_factory=trio.Event)
+
+
+class HardwareRobot:
+    """Arms that a loop in a process of its own drives (``hardware_loop``), for a ``Guarded`` around it.
+
+    What it tells (``read``, ``setpoint``, ``remaining``) is what the loop last reported. The set-point of a moving arm
+    is where it will be ``lead_ticks`` later, so that a motion that takes over there arrives in time; one that does not
+    is refused.
+
+    Args:
+        arms: by name.
+        connect: called with each name in the loop's process; a function of a module.
+        settings: what the loop tolerates.
+        origin_s: time of the machine's monotonic clock from which the cell's time counts.
+        note: called as ``note("fault", arm=..., ...)`` with what went wrong.
+
+    Raises:
+        TrocarError: an arm could not be connected, with the reason.
+    """
+
+    def __init__(
+        self,
+        arms: Mapping[str, DrivenArm],
+        connect: Connect,
+        settings: LoopSettings | None = None,
+        *,
+        origin_s: float = 0.0,
+        note: Callable[..., None] = lambda name, **values: None,
+    ):
+        self.settings, self._origin_s = settings or LoopSettings(), origin_s
+        self._note, self._keys = note, itertools.count()
+        self._jobs: dict[int, _Job] = {}
+        self._reasons: dict[int, TrocarError | str] = {}
+        self._rows: deque[Report] = deque()
+        self._row = 0  # number of the first of them
+        self._motions: dict[str, tuple[Trajectory, float]] = {}
+        self._braking: set[str] = set()
+        self._gone: ArmFault | None = None
+        context = multiprocessing.get_context("spawn")
+        said, self._say = context.Pipe(duplex=False)
+        self._told, told = context.Pipe(duplex=False)
+        given = dict(arms), connect, self.settings, said, told
+        self._process = context.Process(target=serve, args=given, name="hardware loop", daemon=False)
+        self._process.start()
+        said.close()
+        told.close()
+        first = next(iter(arms))
+        if not self._told.poll(CONNECT_S):
+            self._process.kill()
+            raise ArmFault(first, Fault.DEVICE, f"its loop did not connect within {CONNECT_S:g} s")
+        try:
+            problem = self._told.recv()
+            if problem is None:
+                self._report: Report = self._told.recv()
+        except EOFError:
+            problem = "its process ended while connecting"
+        if problem is not None:
+            self._process.join()
+            raise problem if isinstance(problem, TrocarError) else ArmFault(first, Fault.DEVICE, problem)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the arms."""
+        return tuple(self._report.arms)
+
+    @property
+    def late_s(self) -> float:
+        """Return how late the last tick was."""
+        return self._report.late_s
+
+    def _arm(self, name: str) -> ArmReport:
+        if name not in self._report.arms:
+            raise UnknownName("arm", name, self._report.arms)
+        return self._report.arms[name]
+
+    def _time_s(self, clock_s: float) -> float:
+        """Return the cell's time at a time of the motions, which late ticks delay."""
+        return clock_s - self._report.clock_s + self._report.time_s - self._origin_s
+
+    def read(self, arm: str) -> JointReading:
+        """Return the encoders' state as last read."""
+        reading = self._arm(arm).reading
+        return replace(reading, time_s=self._time_s(reading.time_s))
+
+    def setpoint(self, arm: str) -> SetPoint:
+        """Return what the arm is commanded: at rest now, in motion where a motion that takes over has to start."""
+        now = self._arm(arm).setpoint
+        busy = any(arm in job.motions and arm in job.arms for job in self._jobs.values())
+        return replace(now, time_s=self._time_s(self._report.clock_s), moving=now.moving or busy)
+
+    def remaining(self, arm: str, /) -> tuple[Trajectory, float] | None:
+        """Return what an arm is still executing and the clock at its start; None at rest."""
+        if not self.setpoint(arm).moving or arm not in self._motions:
+            return None
+        motion, start_s = self._motions[arm]
+        return motion, self._time_s(start_s)
+
+    def braking(self, arm: str, /) -> bool:
+        """Return whether an arm is coming to rest before the end of its motion."""
+        return arm in self._braking
+
+    def widest_jaw_rad(self, arm: str, /) -> float:
+        """Return the widest opening of an arm's jaws from now until they reach their goal."""
+        return max(float(self._arm(arm).sent[6]), self._arm(arm).jaw_goal_rad)
+
+    def limit_use(self, arm: str) -> tuple[float, float]:
+        """Return the largest share of an arm's velocity and acceleration limits used so far."""
+        return self._arm(arm).limit_use
+
+    async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
+        """Run trajectories from rest, all starting at the same tick."""
+        for name in motions:
+            if self.setpoint(name).moving:
+                raise ArmMoving(name)
+        return await self._run(motions, None)
+
+    async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
+        """Let trajectories take over from what the arms are doing now."""
+        return await self._run(motions, self._report.tick + self.settings.lead_ticks)
+
+    def prepare(self, motions: Mapping[str, Trajectory]) -> None:
+        """Do nothing: trajectories are executed as they are."""
+
+    async def _run(self, motions: Mapping[str, Trajectory], at_tick: int | None) -> Mapping[str, MotionResult]:
+        key, job = self._begin(motions, motions)
+        start_tick = self._report.tick if at_tick is None else at_tick
+        began = {name: (motion, start_tick * self.settings.tick_s) for name, motion in motions.items()}
+        self._send(Start(key, dict(motions), at_tick))
+        self._motions |= began
+        try:
+            await job.over.wait()
+        except trio.Cancelled:
+            with trio.CancelScope(shield=True):
+                mine = tuple(name for name in job.arms if self._motions.get(name) is began[name])
+                if mine:
+                    self._stop(mine, MotionEnd.CANCELLED)
+                await job.over.wait()
+            raise
+        if job.refusal is not None:
+            raise job.refusal
+        return {name: self._result(job, name) for name in motions}
+
+    async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
+        """Ramp the jaws to this opening at their speed; return when they arrived or stall."""
+        self._arm(arm)
+        key, job = self._begin([arm])
+        self._send(Jaw(key, arm, angle_rad))
+        try:
+            await job.over.wait()
+        except trio.Cancelled:
+            self._send(Jaw(next(self._keys), arm, float(self._arm(arm).sent[6])))
+            raise
+        if job.endings[arm].ended is MotionEnd.DONE:
+            await trio.sleep(JAW_REST_S)
+        return self._result(job, arm)
+
+    def _begin(self, arms: Iterable[str], motions: Mapping[str, Trajectory] | None = None) -> tuple[int, _Job]:
+        key, job = next(self._keys), _Job(set(arms), self._row + len(self._rows), dict(motions or {}))
+        self._jobs[key] = job
+        return key, job
+
+    def _send(self, message: object) -> None:
+        if self._gone is None:
+            try:
+                self._say.send(message)
+                return
+            except OSError:
+                self._abandon()
+        self._end_jobs()
+
+    def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
+        """Bring these arms, or all, to rest on their paths; their jaws stop too."""
+        for name in arms:
+            self._arm(name)
+        self._stop(arms, MotionEnd.HELD, reason)
+
+    def fault(self, *arms: str, reason: TrocarError | str) -> None:
+        """Bring these arms to rest because something is wrong."""
+        self._stop(arms, MotionEnd.FAULT, reason)
+
+    def _stop(self, arms: tuple[str, ...], ended: MotionEnd, reason: TrocarError | str = "") -> None:
+        key = next(self._keys)
+        self._reasons[key] = reason
+        self._send(Stop(arms, ended, Reason(key)))
+
+    def emergency_stop(self, reason: str = "") -> None:
+        """Brake every arm; none moves again until its faults are cleared."""
+        self._send(EmergencyStop(reason))
+
+    def clear_faults(self, *arms: str) -> None:
+        """Let these arms, or all, move again after a fault; an arm whose connection failed has to be connected anew."""
+        self._send(Clear(arms))
+
+    async def rest(self, *arms: str) -> None:
+        """Return when these arms, or all, are at rest."""
+        for name in arms or self.names:
+            while self._gone is None and self.setpoint(name).moving:
+                await trio.sleep(self.settings.tick_s)
+
+    async def attend(self, after: Callable[[], None] = lambda: None) -> None:
+        """Take in the loop's reports, for ever; call ``after`` once for each lot of them.
+
+        Raises:
+            ArmFault: the loop's process has ended.
+        """
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._live)
+            while True:
+                await trio.lowlevel.wait_readable(self._told.fileno())
+                try:
+                    while self._told.poll():
+                        self._take(self._told.recv())
+                except (EOFError, OSError):
+                    self._abandon()
+                    raise self._gone from None  # type: ignore[misc]
+                after()
+
+    async def _live(self) -> None:
+        while True:
+            self._send(Alive())
+            await trio.sleep(ALIVE_S)
+
+    def _take(self, report: Report) -> None:
+        """Take in one report."""
+        self._report = report
+        self._rows.append(report)
+        for fault in report.faults:
+            self._note("fault", arm=fault.arm, fault=fault.fault.name.lower(), reason=str(fault))
+        for name, arm in report.arms.items():
+            if arm.braking is not None:
+                self._braking.add(name)
+                self._motions[name] = arm.braking
+            elif not arm.setpoint.moving:
+                self._braking.discard(name)
+        for key, refusal in report.refused:
+            if key in self._jobs:
+                self._jobs[key].refusal = self._reason(next(iter(self._jobs[key].motions)), MotionEnd.HELD, refusal)
+                self._jobs.pop(key).over.set()
+        for key, name, ending in report.over:
+            if key in self._jobs:
+                self._end(key, name, ending)
+        oldest = min((job.first for job in self._jobs.values()), default=self._row + len(self._rows))
+        while self._row < oldest:
+            self._rows.popleft()
+            self._row += 1
+
+    def _end(self, key: int, name: str, ending: Ending) -> None:
+        job = self._jobs[key]
+        if isinstance(ending.cause, Reason):
+            ending = Ending(ending.ended, self._reason(name, ending.ended, ending.cause))
+        rows = itertools.islice(self._rows, max(0, job.first - self._row), None)
+        job.endings[name] = ending
+        job.arms.discard(name)
+        job.rows[name] = [(row.time_s, row.arms[name]) for row in rows]
+        if not job.arms:
+            self._jobs.pop(key).over.set()
+
+    def _reason(self, arm: str, ended: MotionEnd, error: TrocarError) -> TrocarError:
+        """Return the error that a stop was given, in place of the one that stands for it."""
+        if not isinstance(error, Reason):
+            return error
+        given = self._reasons[error.key]
+        return given if isinstance(given, TrocarError) else ArmStopped(arm, given or ended.value)
+
+    def _result(self, job: _Job, name: str) -> MotionResult:
+        rows, ending = job.rows.get(name, []), job.endings[name]
+        return MotionResult(
+            times_s=np.array([time_s - self._origin_s for time_s, _ in rows]),
+            commanded=_stacked([arm.sent for _, arm in rows]),
+            measured=_stacked([np.append(arm.reading.q, arm.reading.jaw_rad) for _, arm in rows]),
+            ended=ending.ended,
+            cause=ending.cause,
+        )
+
+    def _abandon(self) -> None:
+        """Tell every script that waits, or will wait, that the loop is gone."""
+        self._gone = ArmFault(self.names[0], Fault.GONE)
+        self._end_jobs()
+
+    def _end_jobs(self) -> None:
+        for key, job in list(self._jobs.items()):
+            for name in list(job.arms):
+                self._end(key, name, Ending(MotionEnd.FAULT, self._gone))
+
+    def close(self, timeout_s: float = 10.0) -> None:
+        """Bring the arms to rest, leave them holding, and end the loop's process."""
+        self._send(Close())
+        deadline_s = time.monotonic() + timeout_s
+        while self._process.is_alive() and time.monotonic() < deadline_s:
+            try:
+                if self._told.poll(0.05):
+                    self._told.recv()
+            except (EOFError, OSError):
+                break
+        self._process.join(max(0.0, deadline_s - time.monotonic()))
+        if self._process.is_alive():
+            self._process.kill()
+        self._gone = self._gone or ArmFault(self.names[0], Fault.GONE)
+        self._say.close()
+        self._told.close()
+
+
+def _stacked(rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.array(rows, dtype=np.float64).reshape(-1, 7)

@@ -1,1 +1,0 @@
-"""The simulator's side of debridement: bodies and referee."""

@@ -1,0 +1,385 @@
+"""Where a needle is, from depth images of one moment: a robust fit of its pose to points and rays.
+
+Points on the needle have to lie on its wire. A pixel that does not have the colour of the floor under the needle shows
+the wire, so its ray has to meet it; a ray that ends on the floor, by its colour or its depth, must not have passed
+through it. The wire is about two pixels wide and its depth scatters by most of its thickness: its place across the rays
+comes from the colours, its distance from the mean of many points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from trocar.errors import InvalidValue
+from trocar.geometry import SE3
+from trocar.perception.depth import Patch, patch_around
+from trocar.perception.image import RgbdImage
+from trocar.tasks.suture.needle import Needle
+
+FIRST_M, THEN_M = 2.5e-3, 1.3e-3
+"""Points this close to the wire are taken for points on it: first of the expected wire, then of the one found."""
+WIDE_M = 5.0e-3
+"""Points this close to the expected wire decide between the results from several starts."""
+SURE_M, AWAY, FAR_AWAY = 0.8e-3, 1.5, 3.0
+"""If the wire's end is less certain than this (SD), the search starts from several poses, this many SDs away from the
+expected one; if the result does not explain what is seen, it starts again even further away."""
+CONTRADICTED = 0.1
+"""Pixels of steel within ``WIDE_M`` whose rays pass the wire far aside show another place of it, as those of the floor
+do whose rays go through it. Where there are more of them than this share of those that show steel, the pose is not the
+needle's. (In the cell there is none of them about a needle that was found, and a fifth about one that was not.)"""
+SEARCH_PIXEL_M = 0.25e-3
+"""While searching, pixels that are closer to each other on the needle than this are left out."""
+STEPS = 12
+MOST_SHIFT_M, MOST_TURN_RAD = 0.5e-3, 0.1
+"""Greatest step of the search."""
+WORST_M = 0.9e-3
+"""Points that scatter about the wire by more than this (SD) are not on it."""
+POINT_SD_M, RAY_SD_PX = 0.35e-3, 0.25
+"""SDs of a point's distance from the wire, and of the distance by which a ray misses it or passes through it."""
+ROBUST = 1.5
+"""A residual of more SDs than this counts less (Cauchy)."""
+TOGETHER = 4.0
+"""This many neighbouring points and rays share their error and count as one (chosen so that errors of looks in the cell
+are as large as stated)."""
+STEEP = 0.4
+"""If the sine of the angle between ray and wire is less, depth tells nothing about the wire."""
+ASIDE_M = 0.5e-3
+"""A ray that meets steel, and passes the wire so far aside, shows another place of it."""
+MARGIN_M = 2.5e-3
+"""At least so much about the needle is read: the floor's colour is taken from there."""
+BEHIND_M = 1.5e-3
+"""A ray that ends this far behind the wire passed it."""
+OVER_FLOOR_M = 0.7e-3
+"""Points lower than this over the floor are not on a needle."""
+ON_FLOOR_M = 1.0e-3
+"""Points this close to the floor show its colour."""
+APART_M = 1.0e-3
+"""Points this close to another known object may be on that object."""
+IN_FRONT_M = 1.5e-3
+"""A point this much nearer than the wire can be hides it."""
+STEP_M, COARSE = 1.5e-3, 5
+BEFORE_M = np.arange(-0.08, 0.004, STEP_M)
+"""Positions along a ray, relative to where it is nearest to the wire, at which another object would hide the wire or be
+taken for it. One in this many is tried first."""
+UNLIKE = 0.05
+"""Colours whose shares of red, green and blue differ by more are not the same."""
+GREY = 0.25
+"""Steel has less saturation."""
+DARK = 0.12
+"""Pixels with less than this share of the floor's light are in shadow and show no colour."""
+SPACING_M, WIRE_SPACING_M = 0.4e-3, 0.1e-3
+"""Spacing at which rays and the wire are sampled."""
+FEWEST, DEEP = 12, 0.4
+"""Minimum number of pixels on the wire for it to count as seen, and the share of them that must have depth in each
+image."""
+
+Distances = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Signed distances (n,) of points (n, 3) in the camera's frame from other known objects."""
+
+
+@dataclass(frozen=True, eq=False)
+class NeedleSighting:
+    """A normal likelihood of the needle's pose.
+
+    Attributes:
+        T_camera_needle: pose that fits best.
+        information: (6, 6) of a twist of the needle in its own frame about that pose, 1/m and 1/rad.
+        pixels: number of pixels that show the wire.
+        depth_sd_m: robust SD of its depth.
+    """
+
+    T_camera_needle: SE3
+    information: NDArray[np.float64]
+    pixels: int
+    depth_sd_m: float
+
+
+def sight_needle(
+    images: Sequence[RgbdImage],
+    T_camera_needle: SE3,
+    covariance: NDArray[np.float64],
+    needle: Needle,
+    T_camera_floor: SE3,
+    occluders: Distances | None = None,
+) -> NeedleSighting | None:
+    """Return what depth images of one moment tell about a needle's pose; None if the needle is not seen.
+
+    Args:
+        images: with depth, by one camera, while nothing moves; more of them scatter less in depth.
+        T_camera_needle: where it is expected.
+        covariance: (6, 6) of a twist of the needle in its own frame about that pose, m and rad; it determines where the
+            search begins, constrains it where the images show nothing, and is not part of the returned information.
+        needle: its shape.
+        T_camera_floor: a plane, z up, below which nothing of the needle is seen.
+        occluders: distances of points from other known objects, such as the instrument that holds it; None: there are
+            none.
+
+    Raises:
+        InvalidValue: there is no image.
+    """
+    if not images:
+        raise InvalidValue("the number of images of a needle", 0, "give one or more")
+    fit = _PoseFit(images, T_camera_needle, np.linalg.inv(covariance), needle, T_camera_floor, occluders)
+    starts = search_starts(T_camera_needle, covariance, needle)
+    found = fit.search(starts)
+    if found is None and len(starts) > 1:
+        found = fit.search([T_camera_needle, *search_starts(T_camera_needle, covariance, needle, FAR_AWAY)[1:]])
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _PoseFit:
+    """A pose to be fitted; see ``sight_needle``. ``prior`` is the inverse of the expected pose's covariance."""
+
+    images: Sequence[RgbdImage]
+    T_camera_needle: SE3
+    prior: NDArray
+    needle: Needle
+    T_camera_floor: SE3
+    occluders: Distances | None
+
+    def search(self, starts: Sequence[SE3]) -> NeedleSighting | None:
+        """Return the fit from the best of these starts; None if the images show no needle, or contradict it."""
+        pixel_m = float(self.T_camera_needle.translation_m[2]) / self.images[0].intrinsics.fx
+        every = max(1, round(SEARCH_PIXEL_M / pixel_m)) if pixel_m > 0.0 else 1
+        near = [(start, found) for start in starts if (found := self._evidence(start, FIRST_M, every)) is not None]
+        first = [self._fitted(found, start)[0] for start, found in near]
+        if len(starts) > 1 and (wide := self._evidence(self.T_camera_needle, WIDE_M, every)) is not None:
+            first.sort(key=lambda at: ray_cost(wide, at, self.needle))
+        evidence = self._evidence(first[0], THEN_M) if first else None
+        if evidence is None:
+            return None
+        at, information, depth_sd_m = self._fitted(evidence, first[0])
+        around = self._evidence(at, WIDE_M, every)
+        if depth_sd_m > WORST_M or around is None or contradicting_share(around, at, self.needle) > CONTRADICTED:
+            return None
+        return NeedleSighting(at, information, len(evidence.through), depth_sd_m)
+
+    def _evidence(self, at: SE3, near_m: float, every: int = 1) -> NeedleEvidence | None:
+        return gather_evidence(self.images, at, self.needle, near_m, self.T_camera_floor, self.occluders, every)
+
+    def _fitted(self, evidence: NeedleEvidence, at: SE3) -> tuple[SE3, NDArray[np.float64], float]:
+        """Return the pose that fits best near this one, its information, and the robust SD of the points' depth."""
+        information, depth_sd_m = np.zeros((6, 6)), 0.0
+        for _ in range(STEPS):
+            information, gradient, depth_sd_m = normal_equations(evidence, at, self.needle)
+            away = (self.T_camera_needle.inverse() @ at).log()
+            step = np.linalg.solve(information + self.prior, -gradient - self.prior @ away)
+            step /= max(1.0, np.abs(step[:3]).max() / MOST_SHIFT_M, np.abs(step[3:]).max() / MOST_TURN_RAD)
+            at = at @ SE3.exp(step)
+            if np.abs(step[:3]).max() < 1e-6 and np.abs(step[3:]).max() < 1e-4:
+                break
+        return at, information, depth_sd_m
+
+
+def search_starts(
+    T_camera_needle: SE3, covariance: NDArray[np.float64], needle: Needle, away: float = AWAY
+) -> list[SE3]:
+    """Return where the search for a needle starts: at the expected pose, and around it if the tip is uncertain.
+
+    Arguments as for ``sight_needle``; the other starts are ``away`` SDs from the expected pose.
+    """
+    tip = needle.point_m(np.zeros(1))[0]
+    lever = np.column_stack([np.eye(3), np.cross(np.eye(3), tip).T])
+    variances, axes = np.linalg.eigh(lever @ covariance @ lever.T)
+    starts = [T_camera_needle]
+    for variance, axis in zip(variances, axes.T, strict=True):
+        if variance > SURE_M**2:
+            likeliest = covariance @ lever.T @ axis / np.sqrt(variance)  # twist that has the tip one SD away along it
+            starts += [T_camera_needle @ SE3.exp(share * likeliest) for share in (away, -away)]
+    return starts
+
+
+def normal_equations(
+    evidence: NeedleEvidence, T_camera_needle: SE3, needle: Needle
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return information (6, 6) and gradient (6,) of the fit's cost at a pose, and the robust SD of the points."""
+    T = T_camera_needle.inverse()
+    behind, by_behind = depth_residuals(evidence.points, T, needle)
+    missed, by_missed = ray_distances(evidence.through, T, needle)
+    entered, by_entered = ray_distances(evidence.past, T, needle)
+    depth_sd_m = float(1.48 * np.median(np.abs(behind))) if len(behind) else np.inf
+    missed, entered = np.maximum(missed, 0.0), np.minimum(entered, 0.0)
+    ray_sd_m = RAY_SD_PX * evidence.pixel_m
+    residual = np.concatenate([behind / POINT_SD_M, missed / ray_sd_m, entered / ray_sd_m])
+    slopes = np.concatenate(
+        [
+            by_behind / POINT_SD_M,
+            np.where(missed[:, None] > 0.0, by_missed, 0.0) / ray_sd_m,
+            np.where(entered[:, None] < 0.0, by_entered, 0.0) / ray_sd_m,
+        ]
+    )
+    weighed = slopes.T / (1.0 + (residual / ROBUST) ** 2) / TOGETHER
+    return weighed @ slopes, weighed @ residual, depth_sd_m
+
+
+def ray_cost(evidence: NeedleEvidence, T_camera_needle: SE3, needle: Needle) -> float:
+    """Return how badly a pose explains which rays meet the wire and which pass it; comparable for the same evidence."""
+    T = T_camera_needle.inverse()
+    missed, entered = ray_distances(evidence.through, T, needle)[0], ray_distances(evidence.past, T, needle)[0]
+    off = np.concatenate([np.maximum(missed, 0.0), np.minimum(entered, 0.0)]) / (RAY_SD_PX * evidence.pixel_m)
+    return float(np.log1p((off / ROBUST) ** 2).sum())
+
+
+def contradicting_share(evidence: NeedleEvidence, T_camera_needle: SE3, needle: Needle) -> float:
+    """Return the number of rays that contradict a pose, as a share of those that meet steel."""
+    T = T_camera_needle.inverse()
+    missed, entered = ray_distances(evidence.through, T, needle)[0], ray_distances(evidence.past, T, needle)[0]
+    within_m = -0.25 * needle.wire_m
+    return float((missed > ASIDE_M).sum() + (entered < within_m).sum()) / max(1, len(missed))
+
+
+def depth_residuals(
+    points: NDArray[np.float64], T_needle_camera: SE3, needle: Needle
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far (n,) points lie behind the wire's front as their rays see it, and how that changes (n, 6).
+
+    It is taken along the rays, as depth scatters, and counted across the wire. A point's distance from the surface
+    would not do: what scatters through the thin wire comes out of its back.
+    """
+    p = T_needle_camera.apply(points)
+    ray = p - T_needle_camera.translation_m
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    angle = needle.behind_tip_rad(p)
+    middle, along = needle.point_m(angle), needle.tangent(angle)
+    slant = square = back = np.zeros(len(p))
+    for _ in range(2):  # to where the ray is nearest to the wire's middle line
+        slant = np.sum(ray * along, axis=1)
+        gap = p - middle
+        square = np.maximum(1.0 - slant**2, STEEP**2)
+        back = (np.sum(ray * gap, axis=1) - slant * np.sum(along * gap, axis=1)) / square
+        angle = needle.behind_tip_rad(p - back[:, None] * ray)
+        middle, along = needle.point_m(angle), needle.tangent(angle)
+    aside = np.linalg.norm(p - back[:, None] * ray - middle, axis=1)
+    front = np.sqrt(np.maximum((0.5 * needle.wire_m) ** 2 - aside**2, 0.0))
+    across = ray - slant[:, None] * along
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    informative = (square > STEEP**2) & (angle > 0.0) & (angle < needle.arc_rad)
+    behind = back * np.sqrt(square) + front
+    by = -np.concatenate([across, np.cross(middle, across)], axis=1)
+    return behind[informative], np.asarray(by[informative], dtype=np.float64)
+
+
+def ray_distances(
+    places: NDArray[np.float64], T_needle_camera: SE3, needle: Needle
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least distances (n,) along rays from the wire's surface, and their derivatives (n, 6)."""
+    if not len(places):
+        return np.zeros(0), np.zeros((0, 6))
+    local = T_needle_camera.apply(places)
+    distance = needle.distance_m(local.reshape(-1, 3)).reshape(local.shape[:2])
+    return needle.slopes(local[np.arange(len(local)), distance.argmin(axis=1)])
+
+
+# What the images show.
+
+
+@dataclass(frozen=True, eq=False)
+class NeedleEvidence:
+    """The evidence of images, in the camera's frame.
+
+    Attributes:
+        points: (n, 3) on the wire.
+        through: (m, k, 3) positions along rays that meet it.
+        past: (l, k, 3) positions along rays that pass it.
+        pixel_m: distance of neighbouring rays there.
+    """
+
+    points: NDArray[np.float64]
+    through: NDArray[np.float64]
+    past: NDArray[np.float64]
+    pixel_m: float
+
+
+def gather_evidence(
+    images: Sequence[RgbdImage],
+    T_camera_needle: SE3,
+    needle: Needle,
+    near_m: float,
+    T_camera_floor: SE3,
+    occluders: Distances | None,
+    every: int,
+) -> NeedleEvidence | None:
+    """Return what images show of a needle near this pose; None if it is too little.
+
+    Colours are taken from the first image, since the others have the same. One in ``every`` rows and columns is read.
+    """
+    half = np.array([needle.radius_m, needle.radius_m, 0.0]) + 0.5 * needle.wire_m + max(near_m, MARGIN_M)
+    patches = [
+        patch.thinned(every)
+        for image in images
+        if (patch := patch_around(image, T_camera_needle, -half, half)) is not None
+    ]
+    if not patches:
+        return None
+    T_needle, T_floor = T_camera_needle.inverse(), T_camera_floor.inverse()
+    rays = patches[0].rays.reshape(-1, 3)
+    z_near, beside = along_rays(rays, T_camera_needle, needle, near_m)
+    ours = beside < near_m
+    ours[ours] = T_floor.apply(rays[ours] * z_near[ours, None])[:, 2] > OVER_FLOOR_M
+    depth = np.array([patch.depth_m.ravel() for patch in patches])
+    ours &= np.nan_to_num(depth, nan=np.inf).min(axis=0) >= z_near - near_m - IN_FRONT_M
+    if occluders is not None:
+        ours[ours] = clear(occluders, rays[ours], z_near[ours])
+    shows_floor, shows_steel = colors(patches[0], T_floor)
+    through = ours & shows_steel
+    if through.sum() < FEWEST:
+        return None
+    points = (rays * depth[..., None])[:, through].reshape(-1, 3)
+    points = points[np.isfinite(points[:, 2])]
+    on = (needle.distance_m(T_needle.apply(points)) < near_m) & (T_floor.apply(points)[:, 2] > OVER_FLOOR_M)
+    if on.sum() < FEWEST * DEEP:
+        return None
+    past = ours & ~shows_steel & (shows_floor | (depth[0] > z_near + BEHIND_M))
+    places = rays[:, None] * (z_near[:, None] + np.arange(-4, 5) * SPACING_M)[..., None]
+    pixel_m = every * float(T_camera_needle.translation_m[2]) / images[0].intrinsics.fx
+    return NeedleEvidence(points[on], places[through], places[past], pixel_m)
+
+
+def along_rays(
+    rays: NDArray[np.float64], T_camera_needle: SE3, needle: Needle, near_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the depth (n,) of the wire where rays (n, 3) are nearest to it, and their least distances (n,) from it.
+
+    Rays that pass it further away than ``near_m`` have an infinite distance.
+    """
+    count = 2 + int(needle.radius_m * needle.arc_rad / WIRE_SPACING_M)
+    wire = T_camera_needle.apply(needle.point_m(np.linspace(0.0, needle.arc_rad, count)))
+    farthest = (near_m + 0.5 * needle.wire_m) / wire[:, 2].min()
+    apart, place = KDTree(wire[:, :2] / wire[:, 2:]).query(rays[:, :2], distance_upper_bound=farthest)
+    depth = wire[np.minimum(place, count - 1), 2]
+    return depth, depth * apart - 0.5 * needle.wire_m
+
+
+def clear(occluders: Distances, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rays (n, 3) reach these depths (n,) and a little further without meeting another object."""
+
+    def least(which: NDArray[np.intp], before_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        along = rays[which, None] * (z_near[which, None] + before_m)[..., None]
+        return occluders(along.reshape(-1, 3)).reshape(along.shape[:2]).min(axis=1)
+
+    roughly = least(np.arange(len(rays)), BEFORE_M[::COARSE])
+    clear = roughly > APART_M
+    # A distance changes by no more than the way along the ray: only near something the places between have to be tried.
+    unsure = np.flatnonzero(clear & (roughly < APART_M + COARSE * STEP_M))
+    clear[unsure] = least(unsure, BEFORE_M) > APART_M
+    return clear
+
+
+def colors(patch: Patch, T_floor_camera: SE3) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which pixels (n,) have the floor's colour, and which are of steel."""
+    color = patch.color.reshape(-1, 3).astype(np.float64)
+    light = color.sum(axis=1)
+    share = color / np.maximum(light, 1.0)[:, None]
+    floor = np.abs(T_floor_camera.apply(patch.points_m.reshape(-1, 3))[:, 2]) < ON_FLOOR_M
+    if not floor.any():
+        return np.zeros(len(color), dtype=bool), np.zeros(len(color), dtype=bool)
+    like = np.abs(share - np.median(share[floor], axis=0)).max(axis=1) < UNLIKE
+    lit = light > DARK * np.median(light[floor])
+    grey = np.ptp(color, axis=1) < GREY * color.max(axis=1)
+    return lit & like, lit & ~like & grey

@@ -1,0 +1,212 @@
+"""A suture plan as plain values, and what is wrong with it.
+
+Sutures may be out of reach (where, which joint, by how much), cross in the tissue, or never come out of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry import shown
+from trocar.geometry.capsules import segment_distances_m
+from trocar.tasks.suture.planning.plan import SuturePlan, setup_values
+from trocar.tasks.suture.planning.primitive import Suture, SutureJoints, suture_joints, sutures_at
+from trocar.tasks.suture.planning.rewards import DexterityMap
+from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, SutureSetup
+
+REMEDY = "move the base, turn the grasp or change the circle's radius"
+ARCS_NAMED, PAIRS_NAMED = 3, 3
+
+
+def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
+    """Return a plan for the setup of this map, and the reasons for it, as plain values, angles in degrees."""
+    setup, reward = map.setup, map.reward
+    sutures = sutures_at(setup, plan.positions_rad, plan.directions)
+    problem = "" if plan.feasible else circle_out_of_reach(map.joints) or plan_out_of_reach(sutures)
+    found = {
+        "positions_deg": _degrees(plan.positions_rad),
+        "directions": [suture.direction for suture in sutures],
+        "direction_names": [DIRECTION_NAMES[suture.direction] for suture in sutures],
+        "rewards": plan.rewards.tolist(),
+        "gaps_deg": _degrees(plan.gaps_rad),
+        "joint_room": joint_room(setup, plan),
+        "reward": plan.reward,
+        "bound": plan.bound,
+        "certified": plan.certified,
+        "feasible": plan.feasible,
+        "problem": problem,
+        "arm": setup.arm.name,
+        "setup": setup_values(setup),
+        "margin": reward.margin,
+        "weight": reward.weight,
+        "margin_at": reward.at,
+        "feasible_first": reward.feasible_first,
+        "grid_positions": len(map.thetas_rad),
+        "manipulability_source": map.source,
+        "switches_deg": _degrees(map.switches_rad),
+        "unreachable_deg": unreachable_arcs(map.joints),
+        **tissue_summary(setup, plan),
+        "jaws_can_hold_needle": setup.grasp.holdable,
+        "wire_out_of_jaws_deg": math.degrees(setup.grasp.out_of_jaws_rad),
+    }
+    return finite(found)
+
+
+def joint_room(setup: SutureSetup, plan: SuturePlan) -> list[dict[str, float]]:
+    """Return how far each joint stays from the nearer end of its range along each suture, by its name and unit."""
+    arm, joints = setup.arm, suture_joints(setup, plan.positions_rad)
+    rows = [suture.row for suture in sutures_at(setup, plan.positions_rad, plan.directions)]
+    q = joints.q[rows, np.arange(len(rows))]
+    left = np.minimum(q - arm.lower, arm.upper - q).min(1)
+    left = left * np.array([joint.shown_scale[0] for joint in arm.joints])
+    names = [f"{joint.name}_{joint.shown_scale[1]}" for joint in arm.joints]
+    return [dict(zip(names, row, strict=True)) for row in left.tolist()]
+
+
+def finite(value: Any) -> Any:
+    """Return plain values with None in place of numbers that are not finite, which JSON lacks."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _degrees(angles_rad: NDArray[np.float64]) -> list[float]:
+    """Return angles in degrees, rounded to remove the error of the conversion."""
+    return np.degrees(angles_rad).round(9).tolist()
+
+
+# Out of reach.
+
+
+def unreachable_arcs(joints: SutureJoints) -> list[dict[str, Any]]:
+    """Return the arcs of these evenly spaced positions at which no direction is feasible, longest first.
+
+    Each has the first and the last position counterclockwise, ``from`` and ``to`` in degrees, and the ``reason``: what
+    the better direction would need at the worst position.
+    """
+    blocked = np.logical_not(joints.feasible.any(0))
+    n = len(joints.thetas_rad)
+    if not blocked.any():
+        return []
+    excess = relative_excess(joints).max(-1)
+    starts = np.flatnonzero(blocked & ~np.roll(blocked, 1)) if not blocked.all() else np.array([0])
+    lengths = [n if blocked.all() else int(np.argmin(np.roll(blocked, -start))) for start in starts]
+    arcs = []
+    for start, length in sorted(zip(starts, lengths, strict=True), key=lambda arc: -arc[1]):
+        where = (start + np.arange(length)) % n
+        worst = int(where[np.argmax(excess.min(0)[where])])
+        first, last = (math.degrees(joints.thetas_rad[where[end]]) for end in (0, -1))
+        reason = _reason(joints, int(np.argmin(excess[:, worst])), worst)
+        arcs.append({"from": first, "to": last, "reason": reason})
+    return arcs
+
+
+def circle_out_of_reach(joints: SutureJoints) -> str:
+    """Return one sentence on all arcs that are out of reach in both directions; empty if there are none."""
+    arcs = unreachable_arcs(joints)
+    if not arcs:
+        return ""
+    all_around = not joints.feasible.any()
+    parts = [f"at {'all positions' if all_around else _span(arc)} {arc['reason']}" for arc in arcs[:ARCS_NAMED]]
+    more = f"; and at {len(arcs) - ARCS_NAMED} more arcs" if len(arcs) > ARCS_NAMED else ""
+    return f"circle out of reach: {'; '.join(parts)}{more}; {REMEDY}"
+
+
+def plan_out_of_reach(sutures: Sequence[Suture]) -> str:
+    """Return one sentence on the infeasible sutures of a plan; empty if all are feasible."""
+    joints = suture_joints(sutures[0].setup, [suture.theta_rad for suture in sutures])
+    parts = [
+        f"at {suture} {_reason(joints, suture.row, number)}"
+        for number, suture in enumerate(sutures)
+        if not joints.feasible[suture.row, number]
+    ]
+    return f"the plan is out of reach: {'; '.join(parts)}; {REMEDY}" if parts else ""
+
+
+def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
+    """Return by how much (2, n, 7) each joint leaves its range, as a share of it, and likewise for the safe depth."""
+    of_ranges = joints.excess / (joints.arm.upper - joints.arm.lower)
+    return np.concatenate([of_ranges, joints.too_shallow_m[..., None] / joints.arm.safe_depth_m], axis=-1)
+
+
+def _reason(joints: SutureJoints, row: int, position: int) -> str:
+    """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
+    arm, q = joints.arm, joints.q[row, position]
+    if not np.isfinite(q).all():
+        return "no configuration of the arm holds the needle as planned"
+    worst = int(np.argmax(relative_excess(joints)[row, position]))
+    if worst == len(arm.joints):
+        short_m = joints.too_shallow_m[row, position]
+        return (
+            f"the wrist would be {shown(arm.safe_depth_m - short_m, 'm')} beyond the remote centre, "
+            f"{shown(short_m, 'm')} less than the safe depth of {shown(arm.safe_depth_m, 'm', '.0f')}"
+        )
+    joint, values = arm.joints[worst], q[:, worst]
+    over, under = float(values.max()) - joint.upper, joint.lower - float(values.min())
+    limit, excess, sign = (joint.upper, over, 1) if over >= under else (joint.lower, under, -1)
+    return (
+        f"joint '{joint.name}' would reach {joint.shown(limit + sign * excess)}, {joint.shown(excess)} "
+        f"beyond its limit of {joint.shown(limit, '.0f')}"
+    )
+
+
+def _span(arc: Mapping[str, Any]) -> str:
+    first, last = arc["from"], arc["to"]
+    return f"{first:.4g} deg" if first == last else f"{first:.4g} to {last:.4g} deg"
+
+
+# In the tissue.
+
+
+def crossing_sutures(sutures: Sequence[Suture]) -> list[tuple[int, int]]:
+    """Return the pairs of sutures whose paths, seen from above, cross or come closer than the wire's thickness.
+
+    Depth is ignored: where two paths cross as seen from above, one may pass below the other.
+    """
+    pairs = list(combinations(range(len(sutures)), 2))
+    if not pairs:
+        return []
+    paths = np.stack([suture.path_ends_m for suture in sutures])
+    one, other = paths[np.array(pairs)].swapaxes(0, 1)
+    near = segment_distances_m(one[:, 0], one[:, 1], other[:, 0], other[:, 1]) < sutures[0].setup.needle.wire_m
+    return [pair for pair, meet in zip(pairs, near, strict=True) if meet]
+
+
+def tissue_summary(setup: SutureSetup, plan: SuturePlan) -> dict[str, Any]:
+    """Return which sutures of a plan cross and whether the needle comes out, angles in degrees."""
+    pairs = crossing_sutures(sutures_at(setup, plan.positions_rad, plan.directions))
+    exit_rad = setup.exit_turn_rad
+    return {
+        "crossing_deg": [[round(math.degrees(plan.positions_rad[i]), 9) for i in pair] for pair in pairs],
+        "needle_comes_out": setup.comes_out,
+        "needle_turn_deg": math.degrees(setup.insertion.turn_rad),
+        "needle_exit_turn_deg": None if math.isnan(exit_rad) else math.degrees(exit_rad),
+    }
+
+
+def tissue_warnings(summary: Mapping[str, Any]) -> list[str]:
+    """Return one sentence per problem in the tissue, from the values of ``tissue_summary``."""
+    found = []
+    if pairs := summary["crossing_deg"]:
+        named = ", ".join(f"{one:.4g} and {other:.4g}" for one, other in pairs[:PAIRS_NAMED])
+        more = f" and {len(pairs) - PAIRS_NAMED} more pairs" if len(pairs) > PAIRS_NAMED else ""
+        found.append(
+            f"warning: sutures cross in the tissue, seen from above: {named} deg{more}; ask for wider gaps or fewer "
+            "sutures, a larger circle or a smaller needle"
+        )
+    if not summary["needle_comes_out"]:
+        out = summary["needle_exit_turn_deg"]
+        enough = "but no rotation brings its tip out" if out is None else f"but its tip comes out at {out:.1f} deg"
+        found.append(
+            f"warning: the needle never comes out of the tissue: it is turned by {summary['needle_turn_deg']:.1f} deg, "
+            f"{enough}; {'shorten the straight path' if out is None else 'turn it farther or push it more often'}"
+        )
+    return found

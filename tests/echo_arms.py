@@ -1,0 +1,64 @@
+"""Real arms as their loop sees them, without hardware: they follow their set-points, or do what a test plants."""
+
+from __future__ import annotations
+
+import sys
+import time
+from functools import partial
+
+import numpy as np
+
+from driven import HOME, PAPER
+from trocar.hardware import HardwareLaboratory
+from trocar.lab import load_station
+from trocar.motion import rest_to_rest
+from trocar.robots.hardware_arm import HardwareReading, LoopSettings
+
+
+class EchoArm:
+    """An arm whose encoders read what it was sent last; ``log`` is a file for what that was."""
+
+    def __init__(self, log=None):
+        self.q, self.jaw, self.log = HOME.copy(), 0.1, log
+
+    def commanded(self):
+        return self.q, self.jaw
+
+    def read(self):
+        return HardwareReading(self.q, self.jaw)
+
+    def send(self, q, velocity, jaw_rad):
+        self.q, self.jaw = q.copy(), jaw_rad
+        if self.log is not None:
+            with open(self.log, "a") as file:
+                print(time.monotonic(), *q, *velocity, jaw_rad, file=file)
+
+    def close(self):
+        pass
+
+
+def connect(name, log=None):
+    return EchoArm(log if name == "psm1" else None)
+
+
+def refusing(name):
+    raise OSError(f"no such arm: {name}")
+
+
+FAR = HOME + np.array([0.6, 0.4, -0.04, 1.5, 1.0, -1.0])
+
+
+def main(log):
+    """Move an arm for some seconds; a test kills or freezes this process meanwhile."""
+    settings = LoopSettings(max_late=10_000, max_stall_s=60.0, watchdog_s=0.5)
+
+    async def script(cell):
+        slow = rest_to_rest(HOME, FAR, PAPER).stretched(4.0)
+        await cell.robot.move({"psm1": slow})
+
+    with HardwareLaboratory(load_station("peg-transfer"), partial(connect, log=log), settings) as laboratory:
+        laboratory.run(script, 30.0)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

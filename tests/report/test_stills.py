@@ -1,0 +1,68 @@
+"""Pictures of trials: storyboards, charts, paths."""
+
+from dataclasses import replace
+
+import matplotlib.image
+import numpy as np
+import pytest
+from trocar.tasks.peg_transfer.report.peg_report import PegReport, draw_paths
+
+from synthetic import synthetic_trial
+from trocar.errors import TrocarError
+from trocar.report.files import draw_trial
+from trocar.report.stills import draw_storyboard
+from trocar.report.timechart import draw_timechart
+
+PEGS_M = np.array([[-0.0405, 0.0], [0.0407, 0.0109]])
+
+
+def drawn(path):
+    assert path.stat().st_size < 500_000
+    image = matplotlib.image.imread(path)[..., :3]
+    assert image.std() > 0.01
+    return image
+
+
+def tool_path():
+    times = np.linspace(0, 6, 120)
+    tips = np.stack([0.04 * np.sin(times), 0.01 * np.cos(times), 0.03 + 0.02 * np.sin(2 * times)], axis=1)
+    return times, tips, np.where(times < 1, -1, (times > 3).astype(int))
+
+
+def test_pictures_are_written_small_and_a_storyboard_thins_out_what_it_is_given(tmp_path):
+    drawn(draw_timechart(synthetic_trial(), tmp_path / "new" / "time.png"))
+    drawn(draw_paths(*tool_path(), PEGS_M, tmp_path / "paths.png"))
+    shades = np.tile(np.linspace(0, 255, 640).astype(np.uint8)[None, :, None], (480, 1, 3))
+    frames = [(f"step {k}", shades) for k in range(30)]
+    one, all_ = (drawn(draw_storyboard(some, tmp_path / "story.png")) for some in (frames[:1], frames))
+    assert one.shape[1] == all_.shape[1] > 1000
+    row_in = 9.6 / 4 * 480 / 640 + 0.28
+    assert all_.shape[0] == pytest.approx(130 * (3 * row_in + 0.4), abs=3), "three rows of four pictures"
+
+
+def test_the_storyboard_of_a_trial_shows_its_moments(tmp_path):
+    trial = synthetic_trial(failures={3: "DROPPED"})
+    image = drawn(draw_trial(trial, tmp_path / "story.png"))
+    assert image.shape[1] > 1000
+    captions = [caption for caption, _ in PegReport().moments(trial)]
+    assert captions[0] == "start" and "peg 2 to 9: dropped" in captions and "after 12 transfers" in captions
+    assert "lifted" in captions and "released on peg 7" in captions
+
+
+def test_the_path_of_the_tool_is_drawn_over_the_board_where_it_was(tmp_path):
+    (path,) = PegReport().pictures(tmp_path, [synthetic_trial()])
+    assert path.name == "paths.png"
+    drawn(path)
+
+
+def test_nothing_to_draw_is_one_sentence_and_no_file(tmp_path):
+    times, tips, index = tool_path()
+    with pytest.raises(TrocarError, match="at least one span"):
+        draw_timechart(replace(synthetic_trial(), spans=[]), tmp_path / "a.png")
+    with pytest.raises(TrocarError, match="tool path needs"):
+        draw_paths(times[:-1], tips, index, PEGS_M, tmp_path / "a.png")
+    with pytest.raises(TrocarError, match="at least one picture"):
+        draw_storyboard([], tmp_path / "a.png")
+    with pytest.raises(TrocarError, match="picture 'grey'"):
+        draw_storyboard([("grey", np.zeros((4, 4), np.uint8))], tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,173 @@
+"""Real arms in a process of their own: scripts that compute, freeze or die do not make them late or fast."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trio
+
+import echo_arms
+from driven import HOME, PAPER
+from trocar.arms import MotionLimits
+from trocar.cell import MotionEnd
+from trocar.errors import StartMismatch, TrocarError
+from trocar.hardware import HardwareLaboratory
+from trocar.lab import load_station
+from trocar.motion import move_to, rest_to_rest
+from trocar.robots.hardware_arm import ArmFault, Fault, LoopSettings
+from trocar.testing import CheckFailed, check_hardware, check_robot
+from trocar.testing.hardware import faulty
+
+GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
+ARM = "psm1"
+RELAXED = LoopSettings(max_late=10_000, max_stall_s=60.0, watchdog_s=60.0)
+"""A machine that runs other tests beside this one may be late; what is late is tested tick by tick."""
+
+SLOW = MotionLimits(PAPER.velocity / 4, PAPER.acceleration / 8)
+"""Half of a motion takes longer than this machine may be busy otherwise."""
+
+
+def there():
+    return rest_to_rest(HOME, GOAL, PAPER)
+
+
+def rows(log):
+    """Return what the arm was sent: times (n,), joints (n, 6)."""
+    table = np.loadtxt(log)
+    return table[:, 0], table[:, 1:7]
+
+
+def use(log):
+    """Return the largest shares of velocity and acceleration limits, a tick being a tick however late it was."""
+    q = rows(log)[1]
+    velocity, acceleration = np.diff(q, axis=0) / 0.01, np.diff(q, 2, axis=0) / 1e-4
+    return np.abs(velocity / PAPER.velocity).max(), np.abs(acceleration / PAPER.acceleration).max()
+
+
+@pytest.fixture(scope="module")
+def station():
+    return load_station("peg-transfer")
+
+
+@pytest.fixture
+def laboratory(station, tmp_path):
+    with HardwareLaboratory(station, partial(echo_arms.connect, log=tmp_path / "sent"), RELAXED) as laboratory:
+        yield laboratory
+
+
+def test_echoing_arms_keep_the_promises_of_a_robot_and_a_busy_script_makes_nothing_faster(laboratory, tmp_path):
+    async def script(cell):
+        await check_robot(cell, ARM, limits=SLOW)
+        done = {}
+
+        async def move():
+            done.update(await cell.robot.move({ARM: there()}))
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(move)
+            await trio.sleep(0.2)
+            end_s = time.monotonic() + 0.4
+            while time.monotonic() < end_s:  # Python work that lets nobody else run
+                sum(range(1000))
+        return done
+
+    async def all_of_it(cell):
+        assert (await script(cell))[ARM].done
+
+    assert laboratory.run(all_of_it, 60.0)
+    assert max(use(tmp_path / "sent")) <= 1.001
+
+
+def test_motions_that_replace_each_other_again_and_again_stay_within_the_limits(laboratory, tmp_path):
+    ends = []
+
+    async def go(cell, motion):
+        try:
+            ends.append((await cell.robot.replace({ARM: motion}))[ARM].ended)
+        except StartMismatch:  # it came too late, on a busy machine; the other motion goes on
+            ends.append(None)
+
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(go, cell, there())
+            for goal in (HOME, GOAL, HOME, GOAL, HOME):
+                await trio.sleep(0.15)
+                now = cell.robot.setpoint(ARM)
+                nursery.start_soon(go, cell, move_to(now.q, now.velocity, goal, PAPER))
+        assert not cell.robot.setpoint(ARM).moving
+
+    assert laboratory.run(script, 60.0)
+    assert ends.count(MotionEnd.DONE) == 1 and ends.count(MotionEnd.REPLACED) + ends.count(None) == 5
+    assert ends.count(MotionEnd.REPLACED) >= 2
+    assert max(use(tmp_path / "sent")) <= 1.001
+
+
+def test_a_fault_ends_the_motion_and_is_noted_and_the_arm_stays_where_it_is(station):
+    async def script(cell):
+        result = (await cell.robot.move({ARM: there()}))[ARM]
+        assert result.ended is MotionEnd.FAULT and result.cause.fault is Fault.INVALID
+        assert not cell.robot.setpoint(ARM).moving
+        again = await cell.robot.move({ARM: rest_to_rest(cell.robot.setpoint(ARM).q, HOME, PAPER)})
+        assert again[ARM].cause.fault is Fault.INVALID
+
+    with HardwareLaboratory(station, partial(faulty, connect=echo_arms.connect, plant="nan"), RELAXED) as laboratory:
+        assert laboratory.run(script, 30.0)
+        assert [event["fault"] for event in laboratory.log.events if event["name"] == "fault"] == ["invalid"]
+
+
+@pytest.mark.slow
+def test_the_loop_of_an_echoing_arm_passes_its_check(station):
+    settings = LoopSettings(max_late=10_000, max_stall_s=0.25, watchdog_s=60.0)  # what is planted takes .3 s
+    check_hardware(station, echo_arms.connect, ARM, settings=settings)
+
+
+@pytest.mark.slow
+def test_a_loop_that_tolerates_frozen_encoders_does_not(station):
+    with pytest.raises(CheckFailed, match="'frozen' planted must: tell FOLLOWING, not None"):
+        check_hardware(station, echo_arms.connect, ARM, settings=replace(RELAXED, following_rad=10.0, following_m=1.0))
+
+
+def test_an_arm_that_does_not_connect_is_named(station):
+    with pytest.raises(ArmFault, match="no such arm: psm1"):
+        HardwareLaboratory(station, echo_arms.refusing, RELAXED)
+
+
+def test_the_end_of_the_loops_process_ends_the_script_with_a_sentence(laboratory):
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(cell.robot.move, {ARM: there()})
+            await trio.sleep(0.2)
+            os.kill(laboratory.robot._process.pid, signal.SIGKILL)
+
+    with pytest.raises(TrocarError, match="its loop has ended"):
+        laboratory.run(script, 30.0)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=lambda how: how.name)
+def test_arms_come_to_rest_within_their_limits_when_the_scripts_process_dies_or_freezes(how, tmp_path):
+    log = tmp_path / "sent"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    script = subprocess.Popen([sys.executable, Path(echo_arms.__file__), log], env=environment)
+    try:
+        end_s = time.monotonic() + 60.0
+        while (
+            not (log.is_file() and len(log.read_text().splitlines()) > 10 and np.ptp(rows(log)[1][:, 0]) > 0.02)
+            and time.monotonic() < end_s
+        ):
+            time.sleep(0.1)
+        os.kill(script.pid, how)
+        time.sleep(2.0)
+        _, q = rows(log)
+        assert not np.loadtxt(log)[-1, 7:13].any()  # the last thing it was told is to rest
+        assert np.abs(q[-1] - echo_arms.FAR).max() > 0.01  # on the way
+        assert max(use(log)) <= 1.001
+    finally:
+        script.kill()
+        script.wait()

@@ -1,0 +1,37 @@
+"""How long computations take, whatever else a machine does meanwhile, and how fast it is."""
+
+import time
+
+import pytest
+
+from trocar import log
+from trocar.log import machine_speed, timed
+
+
+def busy(seconds):
+    begin_s = time.thread_time()
+    while time.thread_time() - begin_s < seconds:
+        pass
+
+
+def test_what_computes_takes_its_time_and_what_is_kept_waiting_does_not():
+    assert timed(lambda: busy(0.05) or "found") == ("found", pytest.approx(0.05, rel=0.5))
+    assert timed(lambda: time.sleep(0.1))[1] < 0.05
+
+
+def test_what_several_processors_compute_takes_the_time_until_it_is_done(monkeypatch):
+    """.1 s by the clock on the wall, .3 s of the processors."""
+    wall, processors = iter([5.0, 5.1]), iter([7.0, 7.3])
+    monkeypatch.setattr(log.time, "perf_counter", lambda: next(wall))
+    monkeypatch.setattr(log.time, "process_time", lambda: next(processors))
+    assert timed(lambda: None)[1] == pytest.approx(0.1)
+
+
+def test_a_machine_that_needs_twice_as_long_is_half_as_fast_and_is_measured_once(monkeypatch):
+    took = iter([9.0, 2.0, *[3.0] * (log.REPEATS - 2)])  # once per process: a second measurement would find no more
+    machine_speed.cache_clear()
+    assert 0.01 < machine_speed() < 100
+    machine_speed.cache_clear()
+    monkeypatch.setattr(log, "timed", lambda function: (None, next(took) * log.REFERENCE_S))
+    assert machine_speed() == machine_speed() == pytest.approx(0.5), "the quickest of several counts"
+    machine_speed.cache_clear()
