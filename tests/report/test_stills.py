@@ -5,13 +5,13 @@ from dataclasses import replace
 import matplotlib.image
 import numpy as np
 import pytest
-from trocar.tasks.peg_transfer.report.peg_report import PegReport, draw_paths
 
 from synthetic import synthetic_trial
 from trocar.errors import TrocarError
 from trocar.report.files import draw_trial
 from trocar.report.stills import draw_storyboard
 from trocar.report.timechart import draw_timechart
+from trocar.tasks.peg_transfer.report import PegReport, draw_paths
 
 PEGS_M = np.array([[-0.0405, 0.0], [0.0407, 0.0109]])
 

@@ -4,10 +4,10 @@ import io
 from dataclasses import replace
 
 from rich.console import Console
-from trocar.tasks.peg_transfer.report.peg_report import PAPER, PegReport
 
 from synthetic import synthetic_trial
 from trocar.report.tables import goals_table, parts_table, run_table
+from trocar.tasks.peg_transfer.report import PAPER, PegReport
 
 SUMMARY = {
     "task": "peg-transfer",

@@ -12,7 +12,7 @@ from trocar.calibration.excitation import PSM1_BOX, WIDE_ROWS
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws, load_station
-from trocar.lab.transmission.stiff import Stiff
+from trocar.lab.transmission import Stiff
 from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.fiducials import COLORS, SIX_SPHERES
