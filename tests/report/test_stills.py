@@ -13,8 +13,6 @@ from trocar.report.stills import draw_storyboard
 from trocar.report.timechart import draw_timechart
 from trocar.tasks.peg_transfer.report import PegReport, draw_paths
 
-PEGS_M = np.array([[-0.0405, 0.0], [0.0407, 0.0109]])
-
 
 def drawn(path):
     assert path.stat().st_size < 500_000
@@ -31,7 +29,7 @@ def tool_path():
 
 def test_pictures_are_written_small_and_a_storyboard_thins_out_what_it_is_given(tmp_path):
     drawn(draw_timechart(synthetic_trial(), tmp_path / "new" / "time.png"))
-    drawn(draw_paths(*tool_path(), PEGS_M, tmp_path / "paths.png"))
+    drawn(draw_paths(*tool_path(), tmp_path / "paths.png", "a path"))
     shades = np.tile(np.linspace(0, 255, 640).astype(np.uint8)[None, :, None], (480, 1, 3))
     frames = [(f"step {k}", shades) for k in range(30)]
     one, all_ = (drawn(draw_storyboard(some, tmp_path / "story.png")) for some in (frames[:1], frames))
@@ -56,11 +54,8 @@ def test_the_path_of_the_tool_is_drawn_over_the_board_where_it_was(tmp_path):
 
 
 def test_nothing_to_draw_is_one_sentence_and_no_file(tmp_path):
-    times, tips, index = tool_path()
     with pytest.raises(TrocarError, match="at least one span"):
         draw_timechart(replace(synthetic_trial(), spans=[]), tmp_path / "a.png")
-    with pytest.raises(TrocarError, match="tool path needs"):
-        draw_paths(times[:-1], tips, index, PEGS_M, tmp_path / "a.png")
     with pytest.raises(TrocarError, match="at least one picture"):
         draw_storyboard([], tmp_path / "a.png")
     with pytest.raises(TrocarError, match="picture 'grey'"):

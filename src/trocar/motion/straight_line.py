@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from trocar.arms import ArmModel, MotionLimits, fk, jacobian
 from trocar.errors import InvalidInput, NoPlan, OutOfReach
@@ -132,6 +131,8 @@ class StraightLine:
             sentence = f"{arm.name} cannot move its tip straight between these waypoints; bring them closer"
             raise OutOfReach(sentence, arm=arm.name)
         q[:, 0], q[:, -1] = begin, end
+        from scipy.interpolate import CubicSpline  # half a second, even for commands that only print help
+
         curve = CubicSpline(s[:, 0], q, axis=1)
         slopes, bends = curve(s[:, 0], 1), curve(s[:, 0], 2)
         return [cls(*line, limits) for line in zip(q, slopes, bends, strict=True)]

@@ -187,6 +187,7 @@ class PegReport(TaskReport):
 
     def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
         """Return the paper's denominator, transfers whose block stood on its source; and what motion alone takes."""
+        floor_s = motion_floor_s(trials)  # first: the loop below holds on to its last trial
         done, available = Counter[int](), Counter[int]()
         for trial in trials:
             done[trial.about["session"]] += sum(bool(score["succeeded"]) for score in trial.scores)
@@ -196,7 +197,7 @@ class PegReport(TaskReport):
         return {
             "available": available.total(),
             "available_ci95": list(interval),
-            "motion_floor_s": motion_floor_s(trials),
+            "motion_floor_s": floor_s,
         }
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
