@@ -1,15 +1,37 @@
-"""Trials of a run, read one at a time."""
+"""Trials of a run: read one at a time, as a table, and compared with those of another run."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 from trocar.counting import counted
-from trocar.errors import BadFile
+from trocar.errors import BadFile, InvalidInput
+from trocar.eval.comparison import Difference, session_difference
 from trocar.eval.trial import Trial
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One run minus another, over the sessions that both have.
+
+    Attributes:
+        success_rate: of goals; p is the probability of a rate at least as much higher by chance.
+        time_s: of a trial, over its goals; p is that of a time at least as much shorter.
+        collisions: of a trial; p is that of at least as many fewer.
+    """
+
+    success_rate: Difference
+    time_s: Difference
+    collisions: Difference
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{field.name} {getattr(self, field.name).mean:+.3g}" for field in fields(self))
+        return f"<Comparison over {counted(self.success_rate.sessions, 'session')}: {found}>"
 
 
 class Trials(Sequence[Trial]):
@@ -66,3 +88,56 @@ class Trials(Sequence[Trial]):
             Trial.load(path)  # raises an error that says what is wrong with it
             raise BadFile(path, "is not a trial of this run", "choose another with --session and --trial")
         return Trials((path,))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each goal of each trial: where it belongs, and its score."""
+        return [
+            {
+                **{key: trial.about[key] for key in ("task", "variant", "method", "seed", "session")},
+                "trial": trial.about["index"],
+                "goal": number,
+                **score,
+            }
+            for trial in self._notes
+            for number, score in enumerate(trial.scores)
+        ]
+
+    def to_frame(self) -> Any:
+        """Return :meth:`rows` as a ``pandas.DataFrame``.
+
+        Raises:
+            InvalidInput: pandas is not installed; it is no dependency.
+        """
+        try:
+            pandas = import_module("pandas")
+        except ImportError:
+            remedy = "pip install pandas, or use .rows() or `trocar export`"
+            raise InvalidInput("to_frame()", "needs pandas, which is not installed", remedy) from None
+        return pandas.DataFrame(self.rows())
+
+    def compare(self, other: Trials) -> Comparison:
+        """Return these trials minus others that met the same sessions, with intervals over sessions.
+
+        Raises:
+            InvalidInput: there are no trials, or they met other sessions.
+        """
+        keys = ("task", "station_digest", "seed", "difficulty")
+        where = [{tuple(map(str, map(trial.about.get, keys))) for trial in trials._notes} for trials in (self, other)]
+        if where[0] != where[1] or len(where[0]) != 1:
+            problem = "did not meet the same sessions"
+            raise InvalidInput("these trials", problem, "give both runs the same task, station, difficulty and seed")
+
+        def difference(value: Callable[[Trial], float], *, less: bool) -> Difference:
+            return session_difference(self._by_session(value), other._by_session(value), less=less)
+
+        return Comparison(
+            success_rate=difference(lambda t: sum(bool(s["succeeded"]) for s in t.scores) / len(t.scores), less=False),
+            time_s=difference(lambda t: t.duration_s / len(t.scores), less=True),
+            collisions=difference(lambda t: float(len(t.collisions)), less=True),
+        )
+
+    def _by_session(self, value: Callable[[Trial], float]) -> dict[int, list[float]]:
+        found: dict[int, list[float]] = {}
+        for trial in self._notes:
+            found.setdefault(trial.about["session"], []).append(value(trial))
+        return found
