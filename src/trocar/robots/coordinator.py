@@ -20,15 +20,10 @@ from trocar.trajectory import Trajectory
 
 
 class Blocked(MotionRefused):
-    """A motion cannot start because another arm is in the way, and waiting does not help.
-
-    Attributes:
-        arm: name of the arm that was to move.
-    """
+    """The motion of an ``arm`` cannot start because another arm is in the way, and waiting does not help."""
 
     def __init__(self, arm: str):
-        self.arm = arm
-        super().__init__(f"arm {arm!r} has no room to move, and waiting does not help")
+        super().__init__(f"arm {arm!r} has no room to move, and waiting does not help", arm=arm)
 
 
 class _Signal:

@@ -44,9 +44,9 @@ class NoMotion(MotionRefused):
     """An arm does not come further: no plan was found, or the robot refused it, or stopped it before a collision."""
 
     def __init__(self, arm: str, cause: MotionRefused, *, lasting: bool = False):
-        self.arm, self.cause = arm, cause
+        self.cause = cause
         self.lasting = lasting  # only other estimates would help, because no other arm is in the way
-        super().__init__(str(cause))
+        super().__init__(str(cause), arm=arm)
 
     @property
     def begins_too_near(self) -> bool:
