@@ -8,6 +8,7 @@ EXTRAS = {
     "view": ("viser",),
     "parquet": ("pyarrow",),
     "dask": ("distributed",),
+    "crtk": ("cyclonedds",),
 }
 """The modules that each extra of the package installs."""
 

@@ -84,7 +84,13 @@ class HardwareLaboratory:
         guards = {
             name: ArmGuard(arm.model, arm.limits, bases[name], arm.workspace_m) for name, arm in station.arms.items()
         }
-        self._guard = Guarded(self.robot, guards, min_distance_m=station.min_distance_m, note=self.log.event)
+        self._guard = Guarded(
+            self.robot,
+            guards,
+            min_distance_m=station.min_distance_m,
+            stale_s=self.robot.settings.stale_s,
+            note=self.log.event,
+        )
         self.cell = Cell(
             robot=self._guard,
             cameras=cameras or {},

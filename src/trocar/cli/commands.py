@@ -50,6 +50,14 @@ PLAN = {
     )
 }
 
+CRTK = {
+    "serve": Known(
+        "Be a robot that speaks CRTK over ROS 2: a simulated cell in real time, its cables' errors included.",
+        "trocar.cli.crtk:serve",
+        "trocar crtk serve peg-transfer --seed 1",
+    )
+}
+
 REGISTER = {
     "points": Known(
         "Fit the camera's pose in the robot's base to paired points by least squares.",
@@ -118,6 +126,7 @@ COMMANDS = {
         members=REGISTER,
     ),
     "station": Known("What a laboratory is: arms, instruments, cameras, what is fixed on the table.", members=STATION),
+    "crtk": Known("Speak CRTK, as da Vinci Research Kits do, with other people's programs.", members=CRTK),
     "study": Known("Reproduce a paper's table beside the paper's own figures.", "trocar.cli.run:STUDY"),
     "sweep": Known(
         "Run methods against flaws of several sizes, in the sessions of several seeds: one table and one picture.",

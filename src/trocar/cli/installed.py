@@ -21,6 +21,7 @@ PURPOSE = {
     "view": "3D in the browser",
     "parquet": "trials exported as Parquet",
     "dask": "studies on a cluster",
+    "crtk": "robots that speak CRTK over ROS 2, as a client and as a server",
 }
 
 

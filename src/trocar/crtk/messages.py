@@ -1,0 +1,103 @@
+"""The messages of CRTK's topics as DDS types, named as ROS 2 names them (crtk_msgs 1.3, sensor_msgs, geometry_msgs)."""
+
+# cyclonedds reads the annotations of these classes, so they are not strings here.
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+from cyclonedds.idl import IdlStruct
+
+if TYPE_CHECKING:
+    float64: TypeAlias = float
+    int32: TypeAlias = int
+    uint32: TypeAlias = int
+    uint8: TypeAlias = int
+    sequence = list
+else:
+    from cyclonedds.idl.types import float64, int32, sequence, uint8, uint32
+
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
+    """Seconds since 1970; 0 means that the data are not valid."""
+
+    sec: int32 = 0
+    nanosec: uint32 = 0
+
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
+    """When, and in which frame."""
+
+    stamp: Time = field(default_factory=Time)
+    frame_id: str = ""
+
+
+@dataclass
+class JointState(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
+    """Joints in SI units; an empty list means that it is not available."""
+
+    header: Header = field(default_factory=Header)
+    name: sequence[str] = field(default_factory=list)
+    position: sequence[float64] = field(default_factory=list)
+    velocity: sequence[float64] = field(default_factory=list)
+    effort: sequence[float64] = field(default_factory=list)
+
+
+@dataclass
+class Point(IdlStruct, typename="geometry_msgs.msg.dds_.Point_"):
+    """A place, m."""
+
+    x: float64 = 0.0
+    y: float64 = 0.0
+    z: float64 = 0.0
+
+
+@dataclass
+class Quaternion(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):
+    """A rotation, the scalar last."""
+
+    x: float64 = 0.0
+    y: float64 = 0.0
+    z: float64 = 0.0
+    w: float64 = 1.0
+
+
+@dataclass
+class Pose(IdlStruct, typename="geometry_msgs.msg.dds_.Pose_"):
+    """A place and a rotation."""
+
+    position: Point = field(default_factory=Point)
+    orientation: Quaternion = field(default_factory=Quaternion)
+
+
+@dataclass
+class PoseStamped(IdlStruct, typename="geometry_msgs.msg.dds_.PoseStamped_"):
+    """A pose with its time and frame."""
+
+    header: Header = field(default_factory=Header)
+    pose: Pose = field(default_factory=Pose)
+
+
+@dataclass
+class StringStamped(IdlStruct, typename="crtk_msgs.msg.dds_.StringStamped_"):
+    """A word: enable, disable, pause, resume, home, unhome."""
+
+    header: Header = field(default_factory=Header)
+    string: str = ""
+
+
+@dataclass
+class OperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.OperatingState_"):
+    """DISABLED, ENABLED, PAUSED or FAULT."""
+
+    header: Header = field(default_factory=Header)
+    state: str = ""
+    is_homed: bool = False
+    is_busy: bool = False
+
+
+@dataclass
+class Empty(IdlStruct, typename="std_msgs.msg.dds_.Empty_"):
+    """Nothing; ROS 2 sends one byte."""
+
+    structure_needs_at_least_one_member: uint8 = 0

@@ -1,0 +1,211 @@
+"""A simulated cell that speaks CRTK, and arms that are driven over it, in processes of their own."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
+
+from trocar.arms import MotionLimits, fk, ik
+from trocar.crtk.arm import CrtkArm, CrtkNamespace, connect
+from trocar.crtk.bus import Bus, stamped
+from trocar.crtk.messages import Empty, JointState, OperatingState, PoseStamped, StringStamped
+from trocar.crtk.server import pose_of, transform_of
+from trocar.errors import InvalidInput
+from trocar.geometry import SE3
+from trocar.hardware import HardwareLaboratory
+from trocar.lab import load_station
+from trocar.robots.hardware_arm import LoopSettings
+from trocar.testing import check_robot
+
+pytestmark = pytest.mark.slow
+STATION = load_station("peg-transfer")
+ARM = STATION.arms["psm1"]
+DOMAIN = 40 + os.getpid() % 150
+WHERE = CrtkNamespace({}, domain=DOMAIN)
+PATIENT = LoopSettings(max_late=10_000, max_stall_s=60.0, watchdog_s=60.0, stale_s=5.0, lag_s=1.0)
+"""A machine that runs other tests beside this one may be late."""
+
+
+class Served:
+    """A served cell; ``stop`` returns what it says at its end."""
+
+    def __init__(self):
+        words = [sys.executable, "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--json"]
+        words += ["--domain", str(DOMAIN)]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        self.process = subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
+
+    def stop(self):
+        self.process.send_signal(2)
+        return json.loads(self.process.communicate(timeout=60)[0])
+
+
+@pytest.fixture
+def served():
+    cell = Served()
+    yield cell
+    cell.process.kill()
+    cell.process.wait()
+
+
+@pytest.fixture(scope="module")
+def bus():
+    return Bus(domain=DOMAIN)
+
+
+class Client:
+    """What any program would publish and subscribe for one arm."""
+
+    def __init__(self, bus, topic="/PSM1"):
+        self.out = {
+            name: bus.publisher(f"{topic}/{name}", JointState) for name in ("servo_jp", "move_jp", "jaw/move_jp")
+        }
+        self.out["move_cp"] = bus.publisher(f"{topic}/move_cp", PoseStamped)
+        self.out["state_command"] = bus.publisher(f"{topic}/state_command", StringStamped)
+        self.out["hold"] = bus.publisher(f"{topic}/hold", Empty)
+        kinds = {"measured_js": JointState, "setpoint_js": JointState, "jaw/measured_js": JointState}
+        kinds |= {"measured_cp": PoseStamped, "local/measured_cp": PoseStamped}
+        self.came = {name: bus.subscriber(f"{topic}/{name}", kind) for name, kind in kinds.items()}
+        self.came["operating_state"] = bus.subscriber(f"{topic}/operating_state", OperatingState, latched=True)
+
+    def last(self, name):
+        self.came[name].take()
+        return self.came[name].last
+
+    def until(self, holds, limit_s=60.0):
+        end_s = time.monotonic() + limit_s
+        while time.monotonic() < end_s:
+            for source in self.came.values():
+                source.take()
+            if all(source.last is not None for source in self.came.values()) and holds():
+                return
+            time.sleep(0.01)
+        raise AssertionError("it does not come to that")
+
+    def q(self, name="setpoint_js"):
+        return np.array(self.last(name).position)
+
+
+@pytest.fixture
+def client(bus, served):
+    client = Client(bus)
+    client.until(lambda: True)
+    return client
+
+
+def test_an_arm_over_the_network_keeps_the_promises_of_a_robot(served, client):
+    slow = MotionLimits(ARM.limits.velocity / 4, ARM.limits.acceleration / 8)
+    with HardwareLaboratory(STATION, partial(connect, where=WHERE), PATIENT) as laboratory:
+        assert laboratory.run(lambda cell: check_robot(cell, "psm1", limits=slow), 120.0)
+        assert max(laboratory.robot.limit_use("psm1")) <= 1.001
+    assert served.stop()["received"]["psm1"] > 100
+
+
+def test_streamed_set_points_are_reached_and_counted(served, client):
+    start = client.q()
+    for k in range(200):
+        q = start + np.array([0.05, 0.02, 0.002, 0.1, 0.05, 0.05]) * np.sin(k / 30)
+        client.out["servo_jp"].send(JointState(stamped(), [], q.tolist()))
+        time.sleep(0.01)
+    client.until(lambda: np.abs(client.q() - q).max() < 1e-9)
+    assert np.abs(client.q("measured_js") - q).max() < 1e-6  # encoders are on the commanded side of the cables
+    said = served.stop()
+    assert said["received"]["psm1"] == 200 and said["received"]["psm2"] == 0
+
+
+def test_a_jump_is_followed_no_faster_than_the_arm_is_and_noted(served, client):
+    start = client.q()
+    goal = start + [0.5, 0, 0, 0, 0, 0]
+    client.out["servo_jp"].send(JointState(stamped(), [], goal.tolist()))
+    client.until(lambda: client.q()[0] != start[0])
+    assert client.q()[0] - start[0] == pytest.approx(ARM.limits.velocity[0] * 0.01)
+    (event,) = [event for event in served.stop()["events"] if event["name"] == "servo"]
+    assert event["arm"] == "psm1" and event["share"] == pytest.approx(0.5 / (ARM.limits.velocity[0] * 0.01), rel=1e-3)
+
+
+def test_poses_are_those_of_the_joints_in_the_frames_that_they_name(client):
+    q, model = client.q("measured_js"), ARM.model
+    local = transform_of(client.last("local/measured_cp").pose)
+    assert np.abs(local.matrix - fk(model, q).matrix).max() < 1e-9
+    T_world_tip = transform_of(client.last("measured_cp").pose)
+    assert np.linalg.norm((T_world_tip @ local.inverse()).translation_m - ARM.T_world_base.translation_m) < 0.01
+
+
+def test_move_cp_goes_there_and_is_busy_meanwhile(client):
+    here = transform_of(client.last("measured_cp").pose)
+    goal = SE3.from_parts(here.rotation, here.translation_m + [0.01, 0.0, 0.01])
+    client.out["move_cp"].send(PoseStamped(stamped(), pose_of(goal)))
+    client.until(lambda: client.came["operating_state"].last.is_busy)
+    client.until(lambda: not client.came["operating_state"].last.is_busy)
+    assert np.abs(transform_of(client.last("measured_cp").pose).matrix - goal.matrix).max() < 1e-6
+
+
+def test_hold_stops_a_motion_half_way(client):
+    start = client.q()
+    client.out["move_jp"].send(JointState(stamped(), [], (start + [0.4, 0, 0, 0, 0, 0]).tolist()))
+    client.until(lambda: client.q()[0] > start[0] + 0.05)
+    client.out["hold"].send(Empty())
+    client.until(lambda: not client.came["operating_state"].last.is_busy)
+    assert start[0] + 0.05 < client.q()[0] < start[0] + 0.39
+
+
+def test_a_paused_arm_obeys_nothing_until_it_is_resumed_and_refuses_words_out_of_order(served, client):
+    start = client.q()
+    for word in ("pause", "enable", "dance"):
+        client.out["state_command"].send(StringStamped(stamped(), word))
+    client.until(lambda: client.came["operating_state"].last.state == "PAUSED")
+    client.out["servo_jp"].send(JointState(stamped(), [], (start + 0.01).tolist()))
+    with pytest.raises(InvalidInput, match=re.escape("CRTK arm 'psm1' is PAUSED, homed; enable and home it")):
+        CrtkArm("psm1", WHERE)
+    assert np.array_equal(client.q(), start)
+    client.out["state_command"].send(StringStamped(stamped(), "resume"))
+    client.until(lambda: client.came["operating_state"].last.state == "ENABLED")
+    refused = [event["reason"] for event in served.stop()["events"] if event["name"] == "refused"]
+    assert refused == ["'enable' does nothing when PAUSED", "'dance' does nothing when PAUSED"]
+
+
+def test_jaws_open(client):
+    client.out["jaw/move_jp"].send(JointState(stamped(), ["jaw"], [0.8]))
+    client.until(lambda: client.last("jaw/measured_js").position[0] > 0.75)  # their cable takes up some of it
+
+
+def test_an_arm_that_nobody_serves_is_said_with_its_topics(bus):
+    with pytest.raises(
+        InvalidInput, match=re.escape("publishes no /NOBODY/operating_state and no /NOBODY/measured_js")
+    ):
+        CrtkArm("nobody", WHERE)
+
+
+PARTNER = Path(__file__).parents[2] / ".ros2" / "bin" / "python"
+
+
+@pytest.mark.skipif(not PARTNER.exists(), reason="no rclpy: tools/ros2.sh makes .ros2 with the wheels of ROS 2 Kilted")
+def test_the_real_rclpy_reads_and_commands_the_cell(served, client):
+    words = [PARTNER, Path(__file__).with_name("rclpy_partner.py")]
+    environment = {
+        "ROS_DOMAIN_ID": str(DOMAIN),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "HOME": os.environ.get("HOME", "/tmp"),
+        "PATH": os.environ["PATH"],
+    }
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=90, check=False)
+    assert done.returncode == 0, done.stderr
+    partner = json.loads(done.stdout.splitlines()[-1])
+    assert partner["measured"] > 100 and np.abs(np.array(partner["last_pose"])).max() < 1.0
+    assert partner["names"] == ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
+    client.until(lambda: np.abs(client.q() - partner["commanded"]).max() < 1e-6)
+    assert served.stop()["received"]["psm1"] == partner["sent"]
+
+
+def test_ik_of_a_published_pose_is_what_is_measured(client):
+    q = client.q("measured_js")
+    assert np.abs(ik(ARM.model, transform_of(client.last("local/measured_cp").pose), q) - q).max() < 1e-9
