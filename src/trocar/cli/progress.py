@@ -9,20 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from threading import Event, Thread
-
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    Task,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from typing import TYPE_CHECKING
 
 from trocar.cli.terminal import beside
 from trocar.counting import Tick, untold
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Task
 
 SPEED_FROM_S = 600.0
 """The time left is estimated from the speed over this many past seconds; a trial takes minutes."""
@@ -37,6 +31,15 @@ def progress() -> Iterator[Tick]:
     if console.quiet:
         yield untold
         return
+    from rich.progress import (  # a tenth of a second, which help need not take
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
     bar = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     shown = Progress(
         TextColumn("{task.description}"),
