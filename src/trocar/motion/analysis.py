@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from trocar.arms import ArmModel, fk, jacobian
 from trocar.errors import InvalidInput, NoPlan
+from trocar.geometry.arrays import Array
 from trocar.motion.qp import Program
-
-Array = NDArray[np.float64]
 
 # Where the Huber losses become linear, in standard deviations: within 5 % of least squares on Gaussian noise.
 THRESHOLD = 1.345

@@ -14,12 +14,10 @@ from trocar.arms import SOLIDS, ArmModel, capsules, wrist_depth_m
 from trocar.arms.solids import solid_radii_m
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, direction
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 from trocar.geometry.capsules import Capsules
 from trocar.geometry.se3 import one_pose
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 INSERTION = 2  # the joint that slides; all axes before it and the roll after it pass through the remote centre
 BALL_RADIUS_M = 1e7  # of the ball that represents a half-space: flat within 1 um over 4 m; rounding stays below 10 nm

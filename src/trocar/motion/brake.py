@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02  # braking is integrated in steps of so much, and change of the rate
 HEADROOM = 0.99  # share of the acceleration limits that braking uses: a margin for what lies between two steps

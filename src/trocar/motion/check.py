@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import fk
 from trocar.errors import InvalidInput, LimitExceeded, MotionRefused, NoPlan, OutOfReach, TooNear
 from trocar.geometry import SE3, SO3, shown
+from trocar.geometry.arrays import Array
 from trocar.motion.clearance import Clearance, clearance_of
 from trocar.motion.limits import CHECK_STEP_S, KEPT, LimitUse, knot_jumps, limit_use
 from trocar.motion.planners import Demand, TimedPath
 from trocar.motion.problem import ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 REACHED = 1e-6  # how far (rad, m, per second) a waypoint, start or rest may be missed, and a knot may jump
 TIP_KEPT = 1 + 1e-6  # a tip's speed limit counts as kept up to this factor: the speed is a difference quotient

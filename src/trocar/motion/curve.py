@@ -7,12 +7,10 @@ from functools import cached_property, lru_cache
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 DEGREE = 3
 BENDING = 0.01  # weight of the squared second derivative by the share, relative to that of the squared first one

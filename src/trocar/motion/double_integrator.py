@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import MotionLimits
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Phases = list[tuple[float, float]]  # duration in s and acceleration of each phase, in order
 
 APART_S = 1e-9  # knots closer than this count as one

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.errors import InvalidInput, OutOfReach
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 CHECK_STEP_S = 1e-3  # ten times finer than the control period of the dVRK, 10 ms
 KEPT = 1 + 1e-9  # a ratio up to this counts as kept: planners use the full limit, and floats round

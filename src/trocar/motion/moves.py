@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms import MotionLimits
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 from trocar.motion.double_integrator import (
     NO_WAY,
     STILL,
@@ -18,8 +18,6 @@ from trocar.motion.double_integrator import (
 )
 from trocar.motion.limits import KEPT
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 HOLD_S = 0.01  # duration of a move to where the arm already is: one control period of the dVRK
 ON_LINE = 1e-9  # share of the velocity limits by which a velocity may miss the line to the goal

@@ -12,13 +12,12 @@ from scipy.interpolate import CubicSpline
 from trocar.arms import MotionLimits, fk
 from trocar.errors import ArmMoving
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.motion.double_integrator import joined, phases_between, shortest_common_s
 from trocar.motion.planners import Demand, TimedPath, ignores
 from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.motion.straight_line import Sprint, StraightLine
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 RATES = 16  # number of passing speeds tried at each end of the free piece
 FINE, ZOOMS = 9, 2  # number of speeds tried round the best one, and how often this is repeated

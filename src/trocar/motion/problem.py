@@ -8,17 +8,14 @@ from itertools import combinations
 from math import inf, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, ik
 from trocar.errors import AlreadyThere, InvalidInput, OutOfReach, TrocarError
 from trocar.geometry import SE3, direction, shown
-from trocar.geometry.arrays import finite, numbers
+from trocar.geometry.arrays import Array, finite, numbers
 from trocar.geometry.se3 import one_pose
 from trocar.motion.bodies import MovingArm, Obstacle
 from trocar.motion.limits import KEPT
-
-Array = NDArray[np.float64]
 
 JOINTS = 6
 NEAREST = 1e-9  # waypoints closer than this in every joint (rad, m) are the same

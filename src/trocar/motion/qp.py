@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import piqp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
 from trocar.errors import NoPlan
+from trocar.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 FREE = 1e32  # a bound that PIQP treats as infinite
 
 

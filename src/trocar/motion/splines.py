@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits, jacobian
 from trocar.errors import NoPlan
+from trocar.geometry.arrays import Array
 from trocar.motion.planners import Demand, TimedPath, ignores
 from trocar.motion.problem import ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 # As the authors ran it: these reproduce the durations that they recorded (tests/motion/test_splines.py).
 STEP_RATE = 0.06  # beta of Algorithm 2

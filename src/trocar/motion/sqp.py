@@ -8,13 +8,13 @@ from itertools import pairwise
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.interpolate import BSpline
 
 from trocar.arms import fk, jacobian
 from trocar.errors import NoPlan
 from trocar.geometry import SO3
+from trocar.geometry.arrays import Array
 from trocar.motion.check import SHORT_M, line_deviation
 from trocar.motion.curve import DEGREE, Curve
 from trocar.motion.double_integrator import duration_bound_s
@@ -25,8 +25,6 @@ from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.motion.qp import FREE, Program
 from trocar.motion.splines import spline
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 SAMPLE_S = 0.01  # step by which the horizon shrinks: the control period
 KNOTS = 16  # pieces of the cubic spline on each piece of the path

@@ -7,17 +7,15 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms import ArmModel, MotionLimits, fk, jacobian
 from trocar.errors import InvalidInput, NoPlan, OutOfReach
 from trocar.geometry import SE3, SO3
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 from trocar.motion.limits import limit_use, require_range
 from trocar.motion.moves import HOLD_S, trapezoid
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 NEWTON_STEPS = 12
 KNOTS = 16  # in each phase of a plain straight move; the tip then stays within 1 um of a line of 40 mm

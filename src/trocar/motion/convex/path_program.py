@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import fk
+from trocar.geometry.arrays import Array
 from trocar.geometry.capsules import cross
 from trocar.motion.convex.scene import Distances, columns_of
 from trocar.motion.curve import Curve
 from trocar.motion.problem import ArmMotion
 from trocar.motion.qp import Program
-
-Array = NDArray[np.float64]
 
 FACING_M = 0.05  # weight of an angle's cosine relative to distances: the displacement of a mark this far from the tip
 FACED = 0.3  # a facing constraint counts if its cosine is within this of the limit

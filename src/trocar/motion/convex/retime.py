@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from math import ceil, inf
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trocar.geometry.arrays import Array
 from trocar.motion.check import tip_speeds_m_s
 from trocar.motion.convex.scene import columns_of
 from trocar.motion.limits import hulls
 from trocar.motion.problem import ArmMotion
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 STEPS, LEAST_STEPS = 5, 25  # steps of constant acceleration along each piece of the path, and on all of it at least
 HEADROOM = 2e-3  # share of every limit that is kept in reserve for what lies between the steps

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from trocar.arms import SOLIDS, capsules
 from trocar.arms.solids import MOVED, joint_axes
+from trocar.geometry.arrays import Array
 from trocar.geometry.capsules import cross, nearest_m
 from trocar.motion.bodies import INSERTION, Bodies, MovingArm
 from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 SOLID_COUNT = len(SOLIDS)
 TOUCHING_M = 1e-9  # segments nearer than this cross: the direction between them is their common normal

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.errors import NoPlan
+from trocar.geometry.arrays import Array
 from trocar.motion.clearance import clearance_of
 from trocar.motion.convex.path_program import (
     PathProgram,
@@ -27,7 +27,6 @@ from trocar.motion.curve import Curve
 from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Way = tuple[float, float, float]  # offsets of the first two joints (rad), and how far the instrument is pulled back (m)
 
 # Detours that are tried first, and next.

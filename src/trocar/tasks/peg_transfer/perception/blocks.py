@@ -12,12 +12,11 @@ from scipy.spatial import KDTree
 
 from trocar.errors import InvalidValue
 from trocar.geometry import SE3, SO3, TURN, shown
+from trocar.geometry.arrays import Array
 from trocar.perception.color import red_mask
 from trocar.perception.depth import Patch, patch_around
 from trocar.perception.image import RgbdImage
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
-
-Array = NDArray[np.float64]
 
 WINDOW_M = 13e-3
 """Half-width of the window round the peg: outline 8.95 mm, clearance 3.2 mm, and a pixel."""
