@@ -9,11 +9,12 @@ demo: .venv/sim.stamp
 	$(BIN)/trocar run peg-transfer --method calibrated --trials 1 --seed 1 --out out/demo
 
 test: .venv/dev.stamp
-	$(BIN)/pytest -m "not slow" -n auto --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -m "not slow and not realtime" -n auto --dist loadfile --no-loadscope-reorder
 
-# The few tests that take seconds each: real runs, studies, killed processes.
+# The few tests that take seconds each: real runs, studies, killed processes; then, alone, those on the machine's clock.
 test-slow: .venv/dev.stamp
 	$(BIN)/pytest -m slow -n auto --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -m realtime
 
 # Which small mistakes the tests would not notice: ten seconds for each mutant, so not in CI. MUTANTS="--changed", say.
 mutants: .venv/dev.stamp

@@ -10,9 +10,9 @@ import numpy as np
 
 from driven import HOME, PAPER
 from trocar.hardware import HardwareLaboratory
+from trocar.hardware.arm import HardwareReading, LoopSettings
 from trocar.lab import load_station
 from trocar.motion import rest_to_rest
-from trocar.robots.hardware_arm import HardwareReading, LoopSettings
 
 
 class EchoArm:

@@ -22,11 +22,11 @@ from trocar.crtk.server import pose_of, transform_of
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.hardware import HardwareLaboratory
+from trocar.hardware.arm import LoopSettings
 from trocar.lab import load_station
-from trocar.robots.hardware_arm import LoopSettings
 from trocar.testing import check_robot
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime
 STATION = load_station("peg-transfer")
 ARM = STATION.arms["psm1"]
 DOMAIN = 40 + os.getpid() % 150

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trocar.crtk.bus import LOOPBACK, Bus, Subscriber, stamped
 from trocar.crtk.messages import JointState, OperatingState
 from trocar.errors import InvalidInput
-from trocar.robots.hardware_arm import HardwareReading
+from trocar.hardware.arm import HardwareReading
 
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 """Names and order of a PSM's joints (sawIntuitiveResearchKit 2.4)."""

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from trocar.arms import MotionLimits
 from trocar.cell import Cell, MotionEnd, MotionResult
 from trocar.hardware import HardwareLaboratory
+from trocar.hardware.arm import ArmFault, Connect, Fault, HardwareArm, HardwareReading, LoopSettings
 from trocar.lab import Station
 from trocar.motion import rest_to_rest
-from trocar.robots.hardware_arm import ArmFault, Connect, Fault, HardwareArm, HardwareReading, LoopSettings
 from trocar.testing.requirement import require
 
 PLANTED = {

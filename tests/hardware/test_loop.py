@@ -7,9 +7,10 @@ from driven import ARM, HOME, PAPER
 from echo_arms import EchoArm
 from trocar.cell import MotionEnd
 from trocar.errors import ArmMoving, InvalidInput, StartMismatch
+from trocar.hardware.arm import ArmFault, DrivenArm, Fault, LoopSettings
+from trocar.hardware.loop import HardwareLoop
+from trocar.hardware.messages import Clear, Close, EmergencyStop, Jaw, Reason, Start, Stop
 from trocar.motion import move_to, rest_to_rest
-from trocar.robots.hardware_arm import ArmFault, DrivenArm, Fault, LoopSettings
-from trocar.robots.hardware_loop import Clear, Close, EmergencyStop, HardwareLoop, Jaw, Reason, Start, Stop
 from trocar.testing.hardware import PLANTED, FaultyArm
 
 GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])

@@ -15,22 +15,11 @@ from numpy.typing import NDArray
 
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, TrocarError, UnknownName
+from trocar.hardware.arm import ArmFault, Connect, DrivenArm, Fault, LoopSettings
+from trocar.hardware.loop import serve
+from trocar.hardware.messages import Alive, ArmReport, Clear, Close, EmergencyStop, Jaw, Reason, Report, Start, Stop
 from trocar.robots.driver import JAW_REST_S
 from trocar.robots.executor import Ending
-from trocar.robots.hardware_arm import ArmFault, Connect, DrivenArm, Fault, LoopSettings
-from trocar.robots.hardware_loop import (
-    Alive,
-    ArmReport,
-    Clear,
-    Close,
-    EmergencyStop,
-    Jaw,
-    Reason,
-    Report,
-    Start,
-    Stop,
-    serve,
-)
 from trocar.trajectory import Trajectory
 
 CONNECT_S = 20.0

@@ -10,12 +10,12 @@ from typing import Any, Self
 import trio
 
 from trocar.cell import Camera, Cell, Result
+from trocar.hardware.arm import Connect, DrivenArm, LoopSettings
+from trocar.hardware.robot import HardwareRobot
 from trocar.lab import Station
 from trocar.log import CellLog
 from trocar.robots import ArmGuard, Guarded
 from trocar.robots.concurrency import cause_of
-from trocar.robots.hardware_arm import Connect, DrivenArm, LoopSettings
-from trocar.robots.hardware_robot import HardwareRobot
 
 
 class WallClock:
@@ -42,7 +42,7 @@ class WallClock:
 class HardwareLaboratory:
     """Real arms of a station, ready to run scripts; a context manager that leaves them holding.
 
-    The arms are driven by a loop in a process of its own (``trocar.robots.hardware_loop``) behind a guard. Whatever
+    The arms are driven by a loop in a process of its own (``trocar.hardware.loop``) behind a guard. Whatever
     ends a script, the arms come to rest within their limits.
 
     Attributes:

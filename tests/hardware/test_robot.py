@@ -19,12 +19,13 @@ from trocar.arms import MotionLimits
 from trocar.cell import MotionEnd
 from trocar.errors import StartMismatch, TrocarError
 from trocar.hardware import HardwareLaboratory
+from trocar.hardware.arm import ArmFault, Fault, LoopSettings
 from trocar.lab import load_station
 from trocar.motion import move_to, rest_to_rest
-from trocar.robots.hardware_arm import ArmFault, Fault, LoopSettings
 from trocar.testing import CheckFailed, check_hardware, check_robot
 from trocar.testing.hardware import faulty
 
+pytestmark = pytest.mark.realtime
 GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
 ARM = "psm1"
 RELAXED = LoopSettings(max_late=10_000, max_stall_s=60.0, watchdog_s=60.0)
@@ -122,13 +123,11 @@ def test_a_fault_ends_the_motion_and_is_noted_and_the_arm_stays_where_it_is(stat
         assert [event["fault"] for event in laboratory.log.events if event["name"] == "fault"] == ["invalid"]
 
 
-@pytest.mark.slow
 def test_the_loop_of_an_echoing_arm_passes_its_check(station):
     settings = LoopSettings(max_late=10_000, max_stall_s=0.25, watchdog_s=60.0)  # what is planted takes .3 s
     check_hardware(station, echo_arms.connect, ARM, settings=settings)
 
 
-@pytest.mark.slow
 def test_a_loop_that_tolerates_frozen_encoders_does_not(station):
     with pytest.raises(CheckFailed, match="'frozen' planted must: tell FOLLOWING, not None"):
         check_hardware(station, echo_arms.connect, ARM, settings=replace(RELAXED, following_rad=10.0, following_m=1.0))
