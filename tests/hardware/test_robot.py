@@ -149,6 +149,41 @@ def test_the_end_of_the_loops_process_ends_the_script_with_a_sentence(laboratory
         laboratory.run(script, 30.0)
 
 
+def test_the_emergency_stop_ends_the_motion_and_lasts_until_it_is_cleared(laboratory, tmp_path):
+    async def press(cell):
+        await cell.clock.sleep(0.3)
+        laboratory.robot.emergency_stop("the button")
+
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(press, cell)
+            result = (await cell.robot.move({ARM: there()}))[ARM]
+        assert result.cause.fault is Fault.EMERGENCY and "the button" in result.reason
+        here = cell.robot.setpoint(ARM).q
+        back = rest_to_rest(here, HOME, PAPER)
+        assert (await cell.robot.move({ARM: back}))[ARM].cause.fault is Fault.EMERGENCY
+        assert np.array_equal(cell.robot.setpoint(ARM).q, here)
+        laboratory.robot.clear_faults(ARM)
+        assert (await cell.robot.move({ARM: back}))[ARM].done
+
+    assert laboratory.run(script, 30.0)
+    assert max(use(tmp_path / "sent")) <= 1.001
+
+
+def test_a_script_that_raises_leaves_its_arm_at_rest_and_is_named(laboratory, tmp_path):
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(cell.robot.move, {ARM: there()})
+            await cell.clock.sleep(0.3)
+            raise KeyError("peg 13")
+
+    with pytest.raises(KeyError, match="peg 13"):
+        laboratory.run(script, 30.0)
+    assert not np.loadtxt(tmp_path / "sent")[-1, 7:13].any()
+    assert max(use(tmp_path / "sent")) <= 1.001
+    assert np.abs(laboratory.cell.robot.setpoint(ARM).q - GOAL).max() > 0.01
+
+
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=lambda how: how.name)
 def test_arms_come_to_rest_within_their_limits_when_the_scripts_process_dies_or_freezes(how, tmp_path):
     log = tmp_path / "sent"
