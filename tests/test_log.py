@@ -27,6 +27,12 @@ def test_what_several_processors_compute_takes_the_time_until_it_is_done(monkeyp
     assert timed(lambda: None)[1] == pytest.approx(0.1)
 
 
+def test_a_process_clock_that_stands_still_hides_no_computation(monkeypatch):
+    """Where a process's time is limited, Linux moves its clock only every few milliseconds."""
+    monkeypatch.setattr(time, "process_time", lambda: 1.0)
+    assert timed(lambda: busy(0.02))[1] == pytest.approx(0.02, rel=0.5)
+
+
 def test_a_machine_that_needs_twice_as_long_is_half_as_fast_and_is_measured_once(monkeypatch):
     took = iter([9.0, 2.0, *[3.0] * (log.REPEATS - 2)])  # once per process: a second measurement would find no more
     machine_speed.cache_clear()
