@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from debridement_story import FIRST, HOME, INSIDE, LYING_M, OVER, SECOND, TABLE_M, Story
+from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.score import FragmentScore, score_fragments
 
 MODES = [f.name for f in fields(FragmentScore)][-9:]
@@ -241,6 +242,42 @@ def test_lies_change_nothing(outcome):
 def test_a_script_s_own_word_explains_what_truth_leaves_open():
     story = Story().note("stopped", outcome="CAMERA_FROZEN", reason="no new image for 5 s")
     assert {(s.failure, s.reason) for s in scores_of(story).values()} == {("CAMERA_FROZEN", "no new image for 5 s")}
+
+
+@pytest.mark.parametrize(
+    ("arm", "outcome", "reason"),
+    [
+        ("left", "GRASP_FAILURE", "nothing between the jaws"),
+        ("left", "BLOCKED", FragmentOutcome.GRASP_FAILURE.value),
+        ("right", "GRASP_FAILURE", FragmentOutcome.GRASP_FAILURE.value),
+    ],
+)
+def test_a_reason_is_the_script_s_own_where_the_arm_that_was_there_names_what_happened(arm, outcome, reason):
+    story = Story(arms=("left", "right")).grasp(0, gripping=[])
+    story.note("fragment", arm=arm, outcome=outcome, reason="nothing between the jaws")
+    noted_s = story.now_s
+    score = scores_of(story.lift())[0]
+    assert (score.failure, score.reason) == ("GRASP_FAILURE", reason)
+    assert score.end_s == pytest.approx(noted_s if arm == "left" else story.now_s)
+
+
+def test_what_happened_to_a_fragment_last_is_its_failure():
+    away = np.array([-0.06, -0.04, TABLE_M + 0.06])
+    story = Story().grasp(0, gripping=[]).lift().jaws(1.2).grasp(0).lift().move(away).lose(0, [*away[:2], LYING_M])
+    assert modes_of(story) == {"grasp_failures": 1, "drops_en_route": 1}
+    assert scores_of(story)[0].failure == "DROPPED_EN_ROUTE"
+
+
+def test_a_closing_was_meant_for_the_fragment_that_its_arm_was_given_last():
+    """Between both, nearer to the first; what is given to the other arm, or later on, says nothing."""
+    story = Story(FIRST, FIRST - [0.03, 0, 0], arms=("left", "right"))
+    for arm, place in (("left", FIRST), ("left", FIRST - [0.03, 0, 0]), ("right", FIRST)):
+        story.note("allocated", arm=arm, place=place.tolist()).wait(0.1)
+    story.above(FIRST - [0.01, 0, 0]).jaws(0.0).wait(0.3).lift()
+    story.note("allocated", arm="left", place=FIRST.tolist())
+    assert [scores_of(story)[k].grasp_failures for k in (0, 1)] == [0, 1]
+    story.events = []
+    assert [scores_of(story)[k].grasp_failures for k in (0, 1)] == [1, 0], "without a word, for the nearest"
 
 
 def test_what_is_still_held_at_the_end_is_not_cleared():

@@ -1,5 +1,6 @@
 """One arm's actions, with a fake robot and runner that only answer and record."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,10 +10,12 @@ import trio
 
 from debridement_stage import Eyes, play
 from trocar.arms import fk
+from trocar.errors import ArmStopped, NoPlan
 from trocar.geometry import SE3
 from trocar.lab import load_station
+from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.places import Places
-from trocar.tasks.debridement.agents.raven_arm import LOW_M, SHAKEN_RAD, STROKES, WAYS, RavenArm
+from trocar.tasks.debridement.agents.raven_arm import LOW_M, SEARCH_M, SHAKEN_RAD, STROKES, WAYS, RavenArm
 from trocar.tasks.debridement.agents.settings import best
 
 STATION = load_station("raven-pair")
@@ -38,13 +41,14 @@ class Runner:
         self.motions.append(motion)
 
 
-def raven_arm(p, steps):
+def raven_arm(p, steps, name="left", observer=None):
     robot = SimpleNamespace(p=np.array(p), T_world_tip=lambda _: SE3.from_parts(translation_m=robot.p))
-    left = STATION.arms["left"]
-    cell = SimpleNamespace(arms={"left": left.model}, T_world_base_registered={"left": left.T_world_base})
+    arm = STATION.arms[name]
+    cell = SimpleNamespace(arms={name: arm.model}, T_world_base_registered={name: arm.T_world_base})
+    cell.log, cell.clock = SimpleNamespace(span=lambda *_: nullcontext()), SimpleNamespace(sleep=trio.sleep)
     runner = Runner(robot, steps)
     runner.problems = SimpleNamespace(cell=cell, robot=robot)
-    return RavenArm("left", None, runner, Places(TABLE, RECEPTACLE, best()), best()), runner
+    return RavenArm(name, observer, runner, Places(TABLE, RECEPTACLE, best()), best()), runner
 
 
 def test_an_arm_that_was_stopped_low_on_its_way_rises_before_it_goes_on():
@@ -54,6 +58,36 @@ def test_an_arm_that_was_stopped_low_on_its_way_rises_before_it_goes_on():
     trio.run(arm.go, SE3.from_parts(translation_m=[0.04, 0.0, high]))
     assert [goal.straight for goal in runner.goals] == [False, True, False]
     np.testing.assert_allclose(runner.goals[1].T_world_tip.translation_m, [0.02, 0.0, risen])
+
+
+@pytest.mark.parametrize("seen_at", [0, 4, None])
+@pytest.mark.parametrize(("name", "towards_the_other"), [("left", -1), ("right", 1)])
+def test_an_arm_that_no_camera_sees_looks_for_itself_and_stops_if_it_is_nowhere(name, towards_the_other, seen_at):
+    start = np.array([0.01, -0.06, -0.08])
+    steps = [NoMotion(name, NoPlan("no way")), *[start] * (len(SEARCH_M) - 1)] if seen_at is None else [start] * 10
+
+    class Observer:
+        looks = 0
+
+        async def observe(self, arm):
+            assert arm == name
+            self.looks += 1
+
+    observer = Observer()
+    arm, runner = raven_arm(start, steps, name, observer)
+    seen = 1 if seen_at is None else seen_at + 1
+    arm.robot.age_s = lambda _: np.inf if seen_at is None or observer.looks < seen else 0.2
+    if seen_at is None:
+        with pytest.raises(ArmStopped, match=f"no camera sees the gripper of arm '{name}'"):
+            trio.run(arm.come_into_sight)
+        assert observer.looks == len(SEARCH_M) - 1, "where it found no way it did not look"
+    else:
+        trio.run(arm.come_into_sight)
+        assert observer.looks == len(runner.goals) == seen
+    shifts = np.array([goal.T_world_tip.translation_m - start for goal in runner.goals])
+    np.testing.assert_allclose(shifts[0], 0.0, atol=1e-12)
+    assert (shifts[1:3, 2] < 0.0).all(), "down first"
+    assert (np.sign(shifts[2:4, 0]) == towards_the_other).all(), "then towards the middle"
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from trocar.geometry import SE3, SO3
 from trocar.perception.depth import project
 from trocar.perception.image import StereoImage
 from trocar.tasks.debridement.perception.regions import Region, shifted_onto, solidity, split_convex
@@ -35,6 +36,21 @@ def test_all_are_found_where_they_lie(stage):
         assert 2e-3 < fragment.height_m < 9e-3
         assert 0 <= fragment.yaw_rad < np.pi
         assert fragment.area_px > 100
+
+
+@pytest.mark.parametrize("yaw_rad", [0.3, 1.3, 2.5])
+def test_how_it_lies_is_told_by_its_long_side(stage, yaw_rad):
+    """A flat red bar, painted at the height of a fragment's middle; jaws close across it."""
+    T_world_bar = stage.T_world_table @ SE3.from_parts(SO3.axis("z", yaw_rad), [0.0, -0.07, 3.8e-3])
+    corners = T_world_bar.apply(np.array([[9, 4, 0], [-9, 4, 0], [-9, -4, 0], [9, -4, 0]]) * 1e-3)
+    pictures = []
+    for eye in stage.eyes:
+        pixels = project(eye.intrinsics, eye.T_world_camera.inverse().apply(corners))
+        picture = np.full((eye.intrinsics.height, eye.intrinsics.width, 3), GREY, np.uint8)
+        pictures.append(cv2.fillConvexPoly(picture, np.rint(pixels).astype(np.int32), (158, 13, 13)))
+    (bar,) = look(stage, replace(stage.show().image, left=pictures[0], right=pictures[1]))
+    assert bar.yaw_rad == pytest.approx(yaw_rad, abs=0.05)
+    np.testing.assert_allclose(bar.extent_m, [0.018, 0.008], atol=1e-3)
 
 
 def test_one_that_is_carried_is_seen_at_its_height(stage):
