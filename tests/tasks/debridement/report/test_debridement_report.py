@@ -153,6 +153,8 @@ def test_within_says_on_which_side_we_are():
 
     said = [within("two-arms", "multiple_grasps", figures(rate)) for rate in (0.0, 0.071, 0.5, None)]
     assert said == ["below", "yes", "above", "-"]
+    never = {"failure_modes": {"pickup_failures": {"rate": 0.0}}}
+    assert within("two-arms", "pickup_failures", never) == "yes", "neither did it happen in the paper"
 
 
 def test_a_run_s_report_has_table_one_beside_the_papers(tmp_path):
