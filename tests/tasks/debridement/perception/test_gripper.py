@@ -89,6 +89,17 @@ def test_a_window_shows_the_same(stage):
     assert np.abs(found.T_world_tip.matrix - whole.T_world_tip.matrix).max() < 1e-6
 
 
+def test_a_window_has_the_rows_in_which_both_eyes_may_show_the_gripper(stage):
+    rig = stage.show().image.rig
+    guess = stage.T_world_camera @ SE3.from_parts(translation_m=[0.0, 0.0, 0.3])
+    level = VIEW.gripper_window(guess, stage.T_world_camera, rig)
+    for lower_px in (10, -10):
+        askew = StereoRig(rig.left, replace(rig.right, cy=rig.right.cy + lower_px), rig.T_left_right)
+        window = VIEW.gripper_window(guess, stage.T_world_camera, askew)
+        assert window.left.corner_px[1] == window.right.corner_px[1] == level.left.corner_px[1] + max(lower_px, 0)
+        assert window.left.size_px[1] == window.right.size_px[1] == level.left.size_px[1] - abs(lower_px)
+
+
 def test_there_is_no_window_out_of_sight(stage):
     rig = StereoRig(RIG.left, RIG.right, RIG.T_left_right)
     assert VIEW.gripper_window(SE3.from_parts(translation_m=[0.3, 0.0, -0.1]), stage.T_world_camera, rig) is None
