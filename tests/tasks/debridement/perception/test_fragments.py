@@ -5,14 +5,16 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from stereo_scenes import RIG
 
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import project
-from trocar.perception.image import StereoImage
-from trocar.tasks.debridement.perception.regions import Region, shifted_onto, solidity, split_convex
+from trocar.perception.image import StereoImage, StereoRig
+from trocar.tasks.debridement.perception.regions import Region, group_regions, shifted_onto, solidity, split_convex
 from trocar.tasks.debridement.perception.stereo_view import StereoView
 
 VIEW = StereoView()
+SMALL = StereoRig(RIG.left.binned(2), RIG.right.binned(2), RIG.T_left_right)
 FAR_M = np.array([-0.03, -0.09, -0.158])
 GREY = (120, 121, 125)
 
@@ -121,6 +123,44 @@ def test_what_one_eye_sees_is_put_where_the_other_one_has_it():
     both = left.united(right, 20.0)
     assert (both.corner_px, both.pieces) == ((50, 10), 2) and np.array_equal(both.mask, whole)
     assert np.array_equal(shifted_onto(left, right, 20.0)[:, 2:], whole[:, 2:4])
+
+
+HIGH_M, LOW_M = 0.3, 3.8e-3
+"""Of the eyes above the table, looking straight down, and of the middles of fragments on it."""
+FROM_ABOVE = SE3.from_parts(SO3.axis("x", np.pi), [0.0, 0.0, HIGH_M])
+
+
+def pairs_of(lefts, rights):
+    """Return the pairs that are made of small discs (u, v, radius) in the two pictures, by what they are apart."""
+    masks = [np.zeros((SMALL.left.height, SMALL.left.width), np.uint8) for _ in range(2)]
+    for mask, spots in zip(masks, (lefts, rights), strict=True):
+        for u, v, radius in spots:
+            cv2.circle(mask, (round(u), round(v)), radius, 255, cv2.FILLED)
+    return [tuple(one.middle_px - other.middle_px) for one, other in group_regions(masks, SMALL, FROM_ABOVE, LOW_M)]
+
+
+def disparity_px(height_m):
+    return SMALL.left.fx * SMALL.T_left_right.translation_m[0] / (HIGH_M - height_m)
+
+
+@pytest.mark.parametrize(
+    ("off_px", "paired"), [(0, True), (-7, True), (-12, False), (7, True), (12, True), ("lifted", True), ("up", False)]
+)
+def test_spots_of_both_eyes_are_one_thing_from_a_little_below_the_table_up_to_where_one_is_carried(off_px, paired):
+    px = disparity_px({"lifted": 0.14, "up": 0.17}.get(off_px, LOW_M)) + (0 if isinstance(off_px, str) else off_px)
+    found = pairs_of([(400, 200, 5)], [(400 - round(px), 200, 5)])
+    assert [round(u) for u, _ in found] == [round(px)] * paired
+
+
+@pytest.mark.parametrize(
+    ("rows", "radius", "paired"),
+    [(0, 8, True), (5, 8, True), (-5, 8, True), (14, 8, False), (0, 6, True), (0, 4, False)],
+)
+def test_spots_are_one_thing_if_they_are_in_like_rows_and_of_like_size(rows, radius, paired):
+    right = 400 - round(disparity_px(0.08))
+    assert len(pairs_of([(400, 200, 8)], [(right, 200 + rows, radius)])) == paired
+    nearer = pairs_of([(400, 200, 8)], [(right, 200 + rows, radius), (right - 20, 201, 8)])
+    assert [round(v) for _, v in nearer] == [0 if rows == 0 and radius == 8 else -1], "of two, the more alike"
 
 
 def discs(*centers):
