@@ -1,13 +1,15 @@
 """Each of the nine failure modes from the truth, and scripts that lie."""
 
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
 
 from debridement_story import FIRST, HOME, INSIDE, LYING_M, OVER, SECOND, TABLE_M, Story
 from trocar.tasks.debridement.goals import FragmentOutcome
-from trocar.tasks.debridement.score import FragmentScore, score_fragments
+from trocar.tasks.debridement.score import SEEN_SHARE, SIGHT_S, FragmentScore, score_fragments
+from trocar.tasks.debridement.truth import Sights
+from trocar.tasks.debridement.world import POINTS
 
 MODES = [f.name for f in fields(FragmentScore)][-9:]
 BESIDE = np.array([-0.0745, 0.075, LYING_M])
@@ -90,6 +92,17 @@ def test_1_what_cannot_be_seen_is_not_overlooked(why):
         story.places[1] = np.array([0.1, 0.1, LYING_M])
     story.wait(0.1).look(FIRST).note("stopped", outcome="DONE")
     assert "fragment_false_negatives" not in modes_of(story)
+
+
+@pytest.mark.parametrize(
+    ("share", "later_s", "missed"), [(SEEN_SHARE, 0.0, 1), (SEEN_SHARE - 1 / POINTS, 0.0, 0), (0.0, 2 * SIGHT_S, 1)]
+)
+def test_1_what_is_half_visible_is_overlooked_and_so_is_what_nobody_checked_at_that_time(share, later_s, missed):
+    story = Story().look(FIRST).note("stopped", outcome="DONE")
+    truth = story.truth()
+    sights = Sights(truth.sights.times_s + later_s, np.full_like(truth.sights.seen, share))
+    scores = score_fragments(replace(truth, sights=sights), story.events)
+    assert sum(score.fragment_false_negatives for score in scores) == missed
 
 
 def test_2_a_detection_where_no_fragment_is():

@@ -84,10 +84,12 @@ def test_what_is_seen_through_jaws_that_carry_is_what_they_carry():
     assert len(shown) == 1
 
 
-def test_what_hangs_in_the_air_is_not_remembered():
+@pytest.mark.parametrize(("height_m", "remembered"), [(0.009, 1), (0.014, 0)])
+def test_what_hangs_in_the_air_is_not_remembered(height_m, remembered):
+    """Fragments are 8 to 12 mm high."""
     memory = FragmentMemory()
-    memory.update([fragment(height_m=0.03)], EYES, {"left": arm(0.2)})
-    assert memory.update([], EYES, {"left": arm()}) == ([], [])
+    memory.update([fragment(height_m=height_m)], EYES, {"left": arm(0.2)})
+    assert [len(found) for found in memory.update([], EYES, {"left": arm()})] == [0, remembered]
 
 
 def test_jaws_that_lift_are_known_to_carry(monkeypatch, tmp_path):

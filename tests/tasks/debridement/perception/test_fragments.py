@@ -179,6 +179,14 @@ def test_discs_that_overlap_are_cut_apart():
             assert min(np.hypot(u.mean() - x, v.mean() - y) for x, y in centers) < 4
 
 
+def test_a_dent_that_is_nearer_than_the_other_notch_does_not_attract_the_cut():
+    mask = discs((50, 60), (80, 60))
+    cv2.circle(mask, (97, 42), 2, 0, cv2.FILLED)
+    parts = split_convex(mask, 3, 100)
+    middles = sorted(float(np.nonzero(part)[1].mean()) for part in parts)
+    assert len(parts) == 2 and middles == pytest.approx([46, 84], abs=3)
+
+
 def test_what_is_convex_stays_whole():
     mask = discs((60, 60))
     (part,) = split_convex(mask, 3, 100)
