@@ -47,6 +47,13 @@ def test_what_an_arm_hides_is_still_there(memory):
     assert not shown and np.allclose(hidden.p_world_m, PLACE)
 
 
+@pytest.mark.parametrize(("past_m", "hides"), [(0.0165, 1), (0.0175, 0), (-0.0165, 1), (-0.0175, 0)])
+def test_an_arm_hides_what_it_passes_by_half_its_length_and_some_millimetres(memory, past_m, hides):
+    """A finger 6 mm thick, 8 mm round it, and half of a fragment of 12 mm."""
+    aside_m = past_m - 0.3 * EYES[:, 0].mean()  # one eye looks straight along x = 0
+    assert [len(found) for found in memory.update([], EYES[[0, 0]], {"left": arm(aside_m)})] == [0, hides]
+
+
 def test_what_nothing_hides_has_gone(memory):
     assert memory.update([], EYES, {"left": arm(0.2)}) == ([], [])
     assert memory.update([], EYES, {"left": arm()}) == ([], [])  # and stays gone
