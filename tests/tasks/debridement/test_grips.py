@@ -51,6 +51,17 @@ def test_a_closing_counts_where_jaws_stopped_though_they_began_higher_up_and_shu
     assert 0.01 * closing.closed == pytest.approx(stopped_s, abs=0.03)
 
 
+@pytest.mark.parametrize(("of_three", "gripped"), [(2, (0,)), (1, ())])
+def test_a_fragment_was_gripped_if_it_was_held_most_of_the_time_after_jaws_had_closed(of_three, gripped):
+    """Contacts flicker."""
+    story = Story().above(FIRST).jaws(0.4, [0])
+    for tick in range(40):
+        story.held = {0} if tick % 3 < of_three else set()
+        story.wait(0.01)
+    (closing,) = closings_of(story.truth())
+    assert closing.gripped == gripped
+
+
 @pytest.mark.parametrize(
     ("over_m", "to_m", "said", "what"),
     [
