@@ -260,6 +260,13 @@ def test_9_a_fragment_that_is_let_go_and_lands_outside(over):
     assert scores_of(story)[0].failure == "DROPOFF_FAILURE"
 
 
+@pytest.mark.parametrize(("to_m", "failures"), [(INSIDE, 0), (BESIDE, 1)])
+def test_9_a_fragment_that_slips_out_of_closed_jaws_over_the_receptacle_was_let_go_there(to_m, failures):
+    story = Story().grasp(0).lift().move(OVER).lose(0, to_m).wait(0.8).move(HOME)
+    assert modes_of(story) == ({"dropoff_failures": 1} if failures else {})
+    assert scores_of(story)[0].succeeded == (not failures)
+
+
 def test_9_a_release_far_from_the_receptacle_is_one_if_the_script_thought_to_be_there():
     far = np.array([-0.06, -0.09, TABLE_M + 0.06])
     story = Story().grasp(0).lift().deliver(0, to_m=[*far[:2], LYING_M], over_m=far)

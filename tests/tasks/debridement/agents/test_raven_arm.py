@@ -12,11 +12,11 @@ from trio.testing import MockClock
 
 from debridement_stage import Eyes, play
 from trocar.arms import fk
-from trocar.errors import ArmStopped, NoPlan
+from trocar.errors import ArmStopped, NoPlan, TooNear
 from trocar.geometry import SE3
 from trocar.lab import load_station
 from trocar.tasks.debridement.agents.motions import NoMotion
-from trocar.tasks.debridement.agents.places import Places
+from trocar.tasks.debridement.agents.places import Grasp, Places, raised
 from trocar.tasks.debridement.agents.raven_arm import (
     FEW,
     IN_VAIN,
@@ -171,6 +171,48 @@ def test_an_arm_without_a_path_looks_and_asks_again_longer_if_the_other_one_may_
     with pytest.raises(NoMotion) as raised:
         trio.run(arm.go, SE3.from_parts(translation_m=HIGH), clock=MockClock(autojump_threshold=0))
     assert len(runner.goals) == tries and raised.value is refusal
+
+
+@pytest.mark.parametrize(
+    ("at", "ways_mm"),
+    [("right", [(6, 0, 0), (6, 0, 6), (0, 0, 6), (-6, 0, 0)]), ("receptacle", [(0, 0, 6), (6, 0, 6)])],
+)
+def test_an_arm_that_begins_too_near_to_something_first_moves_away_from_it(at, ways_mm):
+    """From the other arm to its own side, from the receptacle upwards; another way if that is refused."""
+    station = STATION.arms["left"]
+    q, T_world_base = station.park_q(), station.T_world_base
+    T_world_tip = T_world_base @ fk(station.model, q)
+    arms = [name for name in ("left", at) if name in STATION.arms]
+    bodies = {"first": "left finger", "second": at, "distance_m": 0.001, "required_m": 0.004}
+    too_near = NoMotion("left", TooNear("too near", **bodies, arms=arms, at_start=True))
+    arm, runner = raven_arm(T_world_tip.translation_m, [too_near, T_world_tip.translation_m], observer=Looking())
+    arm.robot.T_world_tip, arm.robot.setpoint = lambda _: T_world_tip, lambda _: SimpleNamespace(q=q)
+    moved_mm = []
+
+    async def run(_, motion):
+        ends = (T_world_base @ fk(station.model, motion(motion.times_s[[0, -1]]))).translation_m
+        moved_mm.append(1e3 * (ends[1] - ends[0]))
+        if len(moved_mm) < len(ways_mm):
+            raise too_near
+
+    runner.run = run
+    trio.run(arm.go, T_world_tip)
+    np.testing.assert_allclose(moved_mm, ways_mm, atol=1e-3)
+    assert len(runner.goals) == 2, "then it asks again"
+
+
+def test_a_grasp_is_possible_if_the_arm_reaches_it_and_the_place_above_and_can_lift_even_beside_a_wall():
+    arm, _ = raven_arm(HIGH, [])
+    at = SE3.from_parts(translation_m=HIGH)
+    grasps = [Grasp(raised(at, 0.01), raised(at, 0.001 * number), 1.0, 0) for number in range(3)]
+    arm.problems.clear = lambda name, T, open_rad, beside_wall: beside_wall
+    for out in (grasps[0].T_world_above, grasps[0].T_world_grasp, raised(grasps[0].T_world_grasp, best().lift_m)):
+        arm.robot.reaches = lambda _, T, out=out: abs(T.translation_m[2] - out.translation_m[2]) > 1e-9
+        expected = None if out is grasps[0].T_world_above else grasps[1]
+        assert arm.possible(grasps) is expected
+    arm.robot.reaches = lambda *_: True
+    arm.problems.clear = lambda *_, **__: False
+    assert arm.possible(grasps) is None
 
 
 @pytest.mark.parametrize(("lasting", "shares"), [(True, RISE_SHARES), (False, (1.0,))])
