@@ -38,6 +38,7 @@ def test_a_fragment_that_is_cleared_at_once():
     scores = scores_of(story)
     assert scores[0].succeeded and scores[0].first_attempt and scores[0].attempts == 1
     assert not scores[1].succeeded and scores[1].failure == "NOT_CLEARED" and scores[1].attempts == 0
+    assert scores[1].start_s == scores[1].end_s == pytest.approx(story.now_s), "nobody ever approached it"
     assert modes_of(story) == {}
     assert 0 < scores[0].start_s < scores[0].end_s < story.now_s
 
