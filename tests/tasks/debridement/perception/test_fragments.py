@@ -123,6 +123,9 @@ def test_what_one_eye_sees_is_put_where_the_other_one_has_it():
     both = left.united(right, 20.0)
     assert (both.corner_px, both.pieces) == ((50, 10), 2) and np.array_equal(both.mask, whole)
     assert np.array_equal(shifted_onto(left, right, 20.0)[:, 2:], whole[:, 2:4])
+    full = Region(np.full((3, 4), 255, np.uint8), (7, 5))
+    assert np.array_equal(shifted_onto(full, full, 0.0), full.mask), "to its very edges"
+    assert not shifted_onto(full, full, 4.0).any() and not shifted_onto(full, full, -4.0).any()
 
 
 HIGH_M, LOW_M = 0.3, 3.8e-3
