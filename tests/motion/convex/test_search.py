@@ -15,7 +15,7 @@ from trocar.motion import ArmMotion, Capsule, Facing, MotionProblem, MovingArm
 from trocar.motion.convex import search as module
 from trocar.motion.convex.path_program import Rows
 from trocar.motion.convex.scene import Scene
-from trocar.motion.convex.search import PATIENT, QUICK, Effort, Search, Sight, passing_shares, plain_path
+from trocar.motion.convex.search import FEW, MORE, PATIENT, QUICK, Effort, Search, Sight, passing_shares, plain_path
 from trocar.trajectory import Trajectory
 
 TWO = swapping(0.03)
@@ -52,6 +52,14 @@ def test_the_plain_path_passes_all_waypoints_with_the_least_energy():
             assert energy(plain + aside) > energy(plain) and energy(plain - aside) > energy(plain)
     alone = plain_path(search.arms[1:], search.curve, search.program.held[1:])
     np.testing.assert_allclose(alone, plain[:, 6:])
+
+
+@pytest.mark.parametrize("ways", [FEW, MORE])
+def test_detours_swing_to_either_side_alike_and_pull_back_never_forth(ways):
+    assert len(set(ways)) == len(ways) and (0, 0, 0) not in ways
+    assert {(-first, -second, back_m) for first, second, back_m in ways} == set(ways)
+    assert all(max(abs(first), abs(second)) <= 0.4 and 0.0 <= back_m <= 0.08 for first, second, back_m in ways)
+    assert ways is MORE or all(np.count_nonzero(way) == 1 for way in ways), "the first do one thing each"
 
 
 @pytest.mark.parametrize("k", [0, 1])

@@ -42,6 +42,26 @@ def test_closings_are_those_near_the_table_and_beside_the_receptacle():
     assert story.rows[closing.closed][1] == pytest.approx(0.3, abs=0.03)
 
 
+def test_a_closing_counts_where_jaws_stopped_though_they_began_higher_up_and_shut_in_the_air_in_the_end():
+    story = Story().above(FIRST, 0.05).jaws(1.0, seconds=0.1).move([*FIRST[:2], TABLE_M + 0.012], speed_m_s=0.5)
+    stopped_s = story.jaws(0.4, [0]).now_s
+    story.wait(0.5).lift().lose(0, FIRST).jaws(0.0)
+    (closing,) = closings_of(story.truth())
+    assert closing.gripped == (0,)
+    assert 0.01 * closing.closed == pytest.approx(stopped_s, abs=0.03)
+
+
+@pytest.mark.parametrize(("of_three", "gripped"), [(2, (0,)), (1, ())])
+def test_a_fragment_was_gripped_if_it_was_held_most_of_the_time_after_jaws_had_closed(of_three, gripped):
+    """Contacts flicker."""
+    story = Story().above(FIRST).jaws(0.4, [0])
+    for tick in range(40):
+        story.held = {0} if tick % 3 < of_three else set()
+        story.wait(0.01)
+    (closing,) = closings_of(story.truth())
+    assert closing.gripped == gripped
+
+
 @pytest.mark.parametrize(
     ("over_m", "to_m", "said", "what"),
     [

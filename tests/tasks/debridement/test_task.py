@@ -119,6 +119,11 @@ def test_fragments_lie_beside_the_receptacle_of_the_built_in_station():
     assert (high - low > 0.04).all()
     edge = STATION.T_world_fixture["receptacle"].translation_m[1] - 0.5 * Receptacle().size_m[1] - Receptacle().wall_m
     assert high[1] + 0.5 * LENGTH_M[1] < edge
+    middle = STATION.T_world_fixture["receptacle"].translation_m[0]
+    assert 0.5 * (low[0] + high[0]) == pytest.approx(middle), "as far to one arm's side as to the other's"
+    one_low, one_high = np.array(REGION_M[1])
+    assert (one_low >= low).all() and (one_high <= high).all(), "the referee looks for fragments in the larger one"
+    assert 0.5 * (one_low[0] + one_high[0]) > middle, "on the side of the arm that works"
 
 
 # What arms reach there, as far as can be known before a session.

@@ -32,7 +32,7 @@ SWING = np.array([0.12, 0.12, 0.02, 0.60, 0.40, 0.40])
 PACE = np.array([0.010, 0.010, 0.0015, 0.06, 0.05, 0.05])
 """Its mean step from sample to sample, rad and m, about as in the recordings of the PSM."""
 
-REGION_M = {1: ((-0.092, -0.092), (-0.017, -0.046)), 2: ((-0.132, -0.092), (-0.017, -0.046))}
+REGION_M = {1: ((-0.092, -0.092), (-0.017, -0.046)), 2: Workspace.region_m}
 """Region of the fragments, corners x, y in the world, by the number of arms: where a working arm reaches, with its
 gripper straight down, in at least nine of ten sessions, despite kinematic errors of centimetres (assumed: a person lays
 them there; ``tests/tasks/debridement/test_task.py`` draws 24 sessions)."""

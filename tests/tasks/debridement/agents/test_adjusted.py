@@ -1,5 +1,6 @@
 """A robot corrected from camera images: what it corrects, and what it leaves alone."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -210,3 +211,28 @@ def test_an_estimator_that_does_not_foresee_is_not_asked_what_is_within_reach():
     assert wrapped.reaches("left", LEFT.T_world_base @ fk(ARM, np.append(far[:3], believed[3:])))
     with pytest.raises(OutOfReach):
         command_for(ARM, fk(ARM, np.append(far[:3], believed[3:])), wrapped._estimators["left"].estimate, START)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_joints_on_the_way_are_estimated_where_the_estimator_expects_the_tip(stopped):
+    """Their offset changes along a motion, here by up to .09 rad; where it was stopped, it is learned anew."""
+
+    async def halfway():
+        wrapped, robot = adjusted()
+        kinematic = wrapped.kinematic("left")
+        seen = SE3.from_parts(kinematic.rotation, kinematic.translation_m + 5 * OFF)
+        wrapped.saw("left", 1.0, kinematic, LEFT.T_world_base @ seen)
+        start = wrapped.setpoint("left").q
+        async with trio.open_nursery() as nursery:
+            motion = rest_to_rest(start, start + [0.4, 0.3, -0.05, 0.5, 0, 0], LIMITS)
+            nursery.start_soon(wrapped.move, {"left": motion})
+            await trio.testing.wait_all_tasks_blocked()
+            there = robot.setpoint("left")
+            if stopped:
+                robot.setpoint = lambda _: replace(there, moving=False)
+            places = [fk(ARM, one.setpoint("left").q).translation_m for one in (wrapped, robot)]
+            nursery.cancel_scope.cancel()
+        return places
+
+    estimated, sent = trio.run(halfway)
+    np.testing.assert_allclose(estimated - sent, 5 * OFF, atol=1e-4)

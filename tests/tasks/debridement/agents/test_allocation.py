@@ -85,6 +85,13 @@ def test_what_was_pushed_a_little_out_of_the_region_is_loose_still(allocation):
 
 def test_a_receptacle_is_full_if_several_stand_out_of_it_for_a_while(allocation):
     high = [seen(x, 0.004, height_m=Workspace().receptacle.height_m) for x in (-0.1, -0.075, -0.05)]
+    beside = [
+        seen(x, y, Workspace().receptacle.height_m) for x, y in ((-0.08, -0.055), (-0.005, 0.004), (-0.145, 0.004))
+    ]
+    assert not any(allocation.full([*ALL, *beside], []) for _ in range(2 * FULL_LOOKS)), "beside it"
+    for off_m in (-0.004, 0.004):
+        others = [seen(*f.p_world_m[:2], Workspace().receptacle.height_m + off_m) for f in high]
+        assert not any(allocation.full([*ALL, *others], []) for _ in range(2 * FULL_LOOKS)), "in it, or carried over it"
     assert not any(allocation.full([*ALL, high[0]], []) for _ in range(2 * FULL_LOOKS)), "one lies on another"
     assert [allocation.full([*ALL, *high], []) for _ in range(FULL_LOOKS)] == [False] * (FULL_LOOKS - 1) + [True]
     assert not allocation.full([*ALL, *high], [high[0].p_world_m]), "one of three is in jaws"

@@ -202,15 +202,17 @@ def test_an_arm_without_a_path_opens_its_jaws_moves_aside_and_leaves_the_fragmen
     played(script, [lying(LEFT_M), lying(RIGHT_M)])
 
 
-def test_an_arm_that_finds_no_way_home_tries_again():
+@pytest.mark.parametrize("goals", [1, 2])
+@pytest.mark.parametrize("refused", [1, 9])
+def test_an_arm_that_finds_no_way_home_tries_again_once_whether_or_not_all_is_cleared(refused, goals):
     async def script(stage):
         arm = stage.arms["left"]
-        arm.fails = {"go": [None, NO_MOTION]}
+        arm.fails = {"go": [None] + [NO_MOTION] * refused}
         await stage.run("left")
         assert [where for name, *where in arm.did if name == "go"] == [["over"], ["home"], ["home"]]
-        assert [e["arm"] for e in stage.log.events if e["name"] == "stayed"] == ["left"]
+        assert [e["arm"] for e in stage.log.events if e["name"] == "stayed"] == ["left"] * min(refused, 2)
 
-    played(script, [lying(LEFT_M)])
+    played(script, [lying(LEFT_M)], goals=goals)
 
 
 def test_an_arm_that_fails_too_often_in_a_row_gives_up():

@@ -1,12 +1,21 @@
 """What is known about fragments that a pair of images does not show."""
 
+from contextlib import nullcontext
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import trio
 
 from debridement_stage import Eyes, play
+from trocar.geometry import SE3
 from trocar.geometry.capsules import Capsules
-from trocar.tasks.debridement.agents.observer import FragmentMemory
+from trocar.lab import load_station
+from trocar.perception.image import StereoImage
+from trocar.tasks.debridement.agents.observer import FROZEN, CameraFrozen, FragmentMemory, StereoObserver
 from trocar.tasks.debridement.agents.raven_arm import RavenArm
+from trocar.tasks.debridement.agents.settings import best
 from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 EYES = np.array([[0.0, 0.1, 0.25], [0.047, 0.1, 0.25]])
@@ -36,6 +45,13 @@ def memory():
 def test_what_an_arm_hides_is_still_there(memory):
     shown, (hidden,) = memory.update([], EYES, {"left": arm()})
     assert not shown and np.allclose(hidden.p_world_m, PLACE)
+
+
+@pytest.mark.parametrize(("past_m", "hides"), [(0.0165, 1), (0.0175, 0), (-0.0165, 1), (-0.0175, 0)])
+def test_an_arm_hides_what_it_passes_by_half_its_length_and_some_millimetres(memory, past_m, hides):
+    """A finger 6 mm thick, 8 mm round it, and half of a fragment of 12 mm."""
+    aside_m = past_m - 0.3 * EYES[:, 0].mean()  # one eye looks straight along x = 0
+    assert [len(found) for found in memory.update([], EYES[[0, 0]], {"left": arm(aside_m)})] == [0, hides]
 
 
 def test_what_nothing_hides_has_gone(memory):
@@ -75,10 +91,12 @@ def test_what_is_seen_through_jaws_that_carry_is_what_they_carry():
     assert len(shown) == 1
 
 
-def test_what_hangs_in_the_air_is_not_remembered():
+@pytest.mark.parametrize(("height_m", "remembered"), [(0.009, 1), (0.014, 0)])
+def test_what_hangs_in_the_air_is_not_remembered(height_m, remembered):
+    """Fragments are 8 to 12 mm high."""
     memory = FragmentMemory()
-    memory.update([fragment(height_m=0.03)], EYES, {"left": arm(0.2)})
-    assert memory.update([], EYES, {"left": arm()}) == ([], [])
+    memory.update([fragment(height_m=height_m)], EYES, {"left": arm(0.2)})
+    assert [len(found) for found in memory.update([], EYES, {"left": arm()})] == [0, remembered]
 
 
 def test_jaws_that_lift_are_known_to_carry(monkeypatch, tmp_path):
@@ -93,3 +111,82 @@ def test_jaws_that_lift_are_known_to_carry(monkeypatch, tmp_path):
     monkeypatch.setattr(RavenArm, "go", lifts)
     play(monkeypatch, tmp_path, Eyes(), arms=1, fragments=1, budget_s=60.0)
     assert known == [True]
+
+
+# Images that are new, and those of a camera that has stopped.
+
+RIG = load_station("raven-pair").cameras["stereo"].model
+PICTURES = [np.full((RIG.left.height, RIG.left.width, 3), shade, np.uint8) for shade in (10, 20)]
+
+
+def observer_of(pictures, tips_m, age_s=0.0):
+    """Return an observer, and its camera, which gives these pictures while the tips of two arms are at these places."""
+
+    class Camera:
+        model, taken = RIG, 0
+
+        def __init__(self):
+            self.windows = []
+
+        async def capture(self, window):
+            self.taken += 1
+            picture = PICTURES[pictures[self.taken - 1]]
+            return StereoImage(picture, picture, RIG, 0.1 * self.taken)
+
+    async def compute(arm, what, find, budget_s):
+        return find()
+
+    async def sleep(_):
+        pass
+
+    camera, arms = Camera(), ("left", "right")
+    robot = SimpleNamespace(
+        age_s=lambda _: age_s,
+        T_world_tip=lambda _: SE3.identity(),
+        kinematic=lambda name: SE3.from_parts(translation_m=tips_m[camera.taken - 1][arms.index(name)]),
+    )
+    cell = SimpleNamespace(
+        cameras={"stereo": camera},
+        T_world_camera_registered={"stereo": SE3.identity()},
+        arms=dict.fromkeys(arms),
+        log=SimpleNamespace(span=lambda *_: nullcontext()),
+        clock=SimpleNamespace(sleep=sleep),
+        compute=compute,
+    )
+    perception = SimpleNamespace(gripper=lambda *_: None, gripper_window=lambda *_, **how: camera.windows.append(how))
+    return StereoObserver(cell, perception, robot, best()), camera
+
+
+STILL, MOVED = np.zeros((2, 3)), np.array([[0.0, 0.0, 0.0], [0.0, 0.005, 0.0]])
+"""One of two arms moves, along one axis."""
+
+
+def test_a_camera_that_shows_the_same_although_an_arm_has_moved_is_frozen():
+    observer, camera = observer_of([0] * 9, [STILL, *[MOVED] * 8])
+    trio.run(observer.track, "left")
+    with pytest.raises(CameraFrozen, match="check its connection"):
+        trio.run(observer.track, "left")
+    assert camera.taken == 1 + FROZEN
+
+
+def test_a_camera_that_shows_the_same_while_all_arms_rest_is_not():
+    observer, camera = observer_of([0, 0], [STILL, STILL])
+    for _ in range(2):
+        trio.run(observer.track, "left")
+    assert camera.taken == 2
+
+
+def test_an_old_image_is_taken_again_and_another_arm_s_is_not_compared():
+    observer = observer_of([0, 0, 0, 1], [STILL, *[MOVED] * 3])[0]
+    assert trio.run(observer.track, "left")[0].time_s == pytest.approx(0.1)
+    assert trio.run(observer.track, "right")[0].time_s == pytest.approx(0.2), "the first of its own"
+    assert trio.run(observer.track, "left")[0].time_s == pytest.approx(0.4), "the first that is new"
+
+
+@pytest.mark.parametrize(
+    ("age_s", "given_m", "margin_m"), [(0.9, 0.016, 0.016), (1.1, 0.016, 0.020), (1.1, 0.03, 0.03)]
+)
+def test_a_gripper_that_was_not_seen_for_a_second_is_looked_for_more_widely(age_s, given_m, margin_m):
+    observer, camera = observer_of([0], [STILL], age_s)
+    trio.run(partial(observer.track, "left", margin_m=given_m))
+    assert camera.windows == [{"margin_m": margin_m, "binning": 1}]

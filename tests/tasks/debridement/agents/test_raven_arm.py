@@ -1,18 +1,35 @@
 """One arm's actions, with a fake robot and runner that only answer and record."""
 
+from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trio
+from trio.testing import MockClock
 
 from debridement_stage import Eyes, play
 from trocar.arms import fk
+from trocar.errors import ArmStopped, NoPlan, TooNear
 from trocar.geometry import SE3
 from trocar.lab import load_station
-from trocar.tasks.debridement.agents.places import Places
-from trocar.tasks.debridement.agents.raven_arm import LOW_M, SHAKEN_RAD, STROKES, WAYS, RavenArm
+from trocar.tasks.debridement.agents.motions import NoMotion
+from trocar.tasks.debridement.agents.places import Grasp, Places, raised
+from trocar.tasks.debridement.agents.raven_arm import (
+    FEW,
+    IN_VAIN,
+    LOW_M,
+    PRESSING,
+    RISE_SHARES,
+    SEARCH_M,
+    SHAKEN_RAD,
+    STROKES,
+    TRIES,
+    WAYS,
+    RavenArm,
+)
 from trocar.tasks.debridement.agents.settings import best
 
 STATION = load_station("raven-pair")
@@ -38,13 +55,14 @@ class Runner:
         self.motions.append(motion)
 
 
-def raven_arm(p, steps):
+def raven_arm(p, steps, name="left", observer=None):
     robot = SimpleNamespace(p=np.array(p), T_world_tip=lambda _: SE3.from_parts(translation_m=robot.p))
-    left = STATION.arms["left"]
-    cell = SimpleNamespace(arms={"left": left.model}, T_world_base_registered={"left": left.T_world_base})
+    arm = STATION.arms[name]
+    cell = SimpleNamespace(arms={name: arm.model}, T_world_base_registered={name: arm.T_world_base})
+    cell.log, cell.clock = SimpleNamespace(span=lambda *_: nullcontext()), SimpleNamespace(sleep=trio.sleep)
     runner = Runner(robot, steps)
     runner.problems = SimpleNamespace(cell=cell, robot=robot)
-    return RavenArm("left", None, runner, Places(TABLE, RECEPTACLE, best()), best()), runner
+    return RavenArm(name, observer, runner, Places(TABLE, RECEPTACLE, best()), best()), runner
 
 
 def test_an_arm_that_was_stopped_low_on_its_way_rises_before_it_goes_on():
@@ -54,6 +72,164 @@ def test_an_arm_that_was_stopped_low_on_its_way_rises_before_it_goes_on():
     trio.run(arm.go, SE3.from_parts(translation_m=[0.04, 0.0, high]))
     assert [goal.straight for goal in runner.goals] == [False, True, False]
     np.testing.assert_allclose(runner.goals[1].T_world_tip.translation_m, [0.02, 0.0, risen])
+
+
+@pytest.mark.parametrize("seen_at", [0, 4, None])
+@pytest.mark.parametrize(("name", "towards_the_other"), [("left", -1), ("right", 1)])
+def test_an_arm_that_no_camera_sees_looks_for_itself_and_stops_if_it_is_nowhere(name, towards_the_other, seen_at):
+    start = np.array([0.01, -0.06, -0.08])
+    steps = [NoMotion(name, NoPlan("no way")), *[start] * (len(SEARCH_M) - 1)] if seen_at is None else [start] * 10
+
+    class Observer:
+        looks = 0
+
+        async def observe(self, arm):
+            assert arm == name
+            self.looks += 1
+
+    observer = Observer()
+    arm, runner = raven_arm(start, steps, name, observer)
+    seen = 1 if seen_at is None else seen_at + 1
+    arm.robot.age_s = lambda _: np.inf if seen_at is None or observer.looks < seen else 0.2
+    if seen_at is None:
+        with pytest.raises(ArmStopped, match=f"no camera sees the gripper of arm '{name}'"):
+            trio.run(arm.come_into_sight)
+        assert observer.looks == len(SEARCH_M) - 1, "where it found no way it did not look"
+    else:
+        trio.run(arm.come_into_sight)
+        assert observer.looks == len(runner.goals) == seen
+    shifts = np.array([goal.T_world_tip.translation_m - start for goal in runner.goals])
+    np.testing.assert_allclose(shifts[0], 0.0, atol=1e-12)
+    assert (shifts[1:3, 2] < 0.0).all(), "down first"
+    assert (np.sign(shifts[2:4, 0]) == towards_the_other).all(), "then towards the middle"
+
+
+HIGH = np.array([0.0, -0.06, -0.08])
+"""A goal, well over the work surface."""
+
+
+class Looking:
+    """Counts looks."""
+
+    def __init__(self):
+        self.looks = 0
+
+    async def track(self, _):
+        self.looks += 1
+
+
+def gone(*off_mm, **how):
+    """Return the goals of the steps of an arm that goes to ``HIGH``, and comes to be this far off it after each."""
+    arm, runner = raven_arm(HIGH + [0.05, 0, 0], [HIGH + 1e-3 * np.array(off) for off in off_mm], observer=Looking())
+    trio.run(partial(arm.go, SE3.from_parts(translation_m=HIGH), **how))
+    assert arm.observer.looks == (len(runner.goals) if how.get("precise") else 0), "only the camera makes it precise"
+    return runner.goals
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_an_arm_in_the_air_has_arrived_within_a_centimetre_and_lower_or_higher_by_six_millimetres(sign):
+    assert len(gone((9.5 * sign, 9.5 * sign, 5.5 * sign))) == 1
+    for off in ((10.5, 0, 0), (0, 10.5, 0), (0, 0, 6.5)):
+        assert len(gone(sign * np.array(off), (0, 0, 0))) == 2
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_an_arm_at_a_grasp_has_arrived_within_what_the_method_says_or_after_some_visits_close_to_it(sign):
+    assert len(gone((1.4 * sign, 1.4 * sign, 1.1 * sign), precise=True)) == 1
+    assert len(gone((0, 0, 1.3 * sign), (0, 0, 0), precise=True)) == 2
+    assert best().close_m == 0.004 and best().max_visits == 2
+    assert len(gone(*[(3.5 * sign, 0, 0)] * 3, precise=True)) == 3
+    assert len(gone(*[(4.5 * sign, 0, 0)] * 3, (0, 0, 0), precise=True)) == 4
+
+
+def test_an_arm_that_gets_no_nearer_gives_up_for_good():
+    with pytest.raises(NoMotion, match="no nearer than 20 mm") as refused:
+        gone(*[(20 + 0.5 * (number % 2), 0, 0) for number in range(1 + IN_VAIN)])
+    assert refused.value.lasting
+    slowly = [(40 - 1.5 * number, 0, 0) for number in range(20)]
+    assert len(gone(*slowly, (9, 0, 0))) == 21, "slow progress is progress"
+
+
+def test_fingers_that_stand_on_something_do_not_press_on():
+    """Over a grasp, not beside it, nor on the way."""
+    high = [(0, 0, 5)] * (1 + PRESSING)
+    with pytest.raises(NoMotion, match="stand on something 5 mm over the grasp") as refused:
+        gone(*high, precise=True, straight=True)
+    assert not refused.value.lasting, "another grasp may do"
+    for off in ((5, 0, 0), (0, 0, -5), (5, 0, 1.5)):
+        assert len(gone(*[off] * (1 + PRESSING), (0, 0, 0), precise=True, straight=True)) == 2 + PRESSING
+    assert len(gone(*[(0, 0, 7)] * (1 + PRESSING), (0, 0, 0), straight=True)) == 2 + PRESSING
+
+
+@pytest.mark.parametrize(("lasting", "tries"), [(True, 1 + FEW), (False, TRIES)])
+def test_an_arm_without_a_path_looks_and_asks_again_longer_if_the_other_one_may_move_off(lasting, tries):
+    refusal = NoMotion("left", NoPlan("no way"), lasting=lasting)
+    arm, runner = raven_arm(HIGH, [refusal] * (tries - 1) + [HIGH], observer=Looking())
+    trio.run(arm.go, SE3.from_parts(translation_m=HIGH), clock=MockClock(autojump_threshold=0))
+    assert arm.observer.looks == tries - 1
+    arm, runner = raven_arm(HIGH, [refusal] * 99, observer=Looking())
+    with pytest.raises(NoMotion) as raised:
+        trio.run(arm.go, SE3.from_parts(translation_m=HIGH), clock=MockClock(autojump_threshold=0))
+    assert len(runner.goals) == tries and raised.value is refusal
+
+
+@pytest.mark.parametrize(
+    ("at", "ways_mm"),
+    [("right", [(6, 0, 0), (6, 0, 6), (0, 0, 6), (-6, 0, 0)]), ("receptacle", [(0, 0, 6), (6, 0, 6)])],
+)
+def test_an_arm_that_begins_too_near_to_something_first_moves_away_from_it(at, ways_mm):
+    """From the other arm to its own side, from the receptacle upwards; another way if that is refused."""
+    station = STATION.arms["left"]
+    q, T_world_base = station.park_q(), station.T_world_base
+    T_world_tip = T_world_base @ fk(station.model, q)
+    arms = [name for name in ("left", at) if name in STATION.arms]
+    bodies = {"first": "left finger", "second": at, "distance_m": 0.001, "required_m": 0.004}
+    too_near = NoMotion("left", TooNear("too near", **bodies, arms=arms, at_start=True))
+    arm, runner = raven_arm(T_world_tip.translation_m, [too_near, T_world_tip.translation_m], observer=Looking())
+    arm.robot.T_world_tip, arm.robot.setpoint = lambda _: T_world_tip, lambda _: SimpleNamespace(q=q)
+    moved_mm = []
+
+    async def run(_, motion):
+        ends = (T_world_base @ fk(station.model, motion(motion.times_s[[0, -1]]))).translation_m
+        moved_mm.append(1e3 * (ends[1] - ends[0]))
+        if len(moved_mm) < len(ways_mm):
+            raise too_near
+
+    runner.run = run
+    trio.run(arm.go, T_world_tip)
+    np.testing.assert_allclose(moved_mm, ways_mm, atol=1e-3)
+    assert len(runner.goals) == 2, "then it asks again"
+
+
+def test_a_grasp_is_possible_if_the_arm_reaches_it_and_the_place_above_and_can_lift_even_beside_a_wall():
+    arm, _ = raven_arm(HIGH, [])
+    at = SE3.from_parts(translation_m=HIGH)
+    grasps = [Grasp(raised(at, 0.01), raised(at, 0.001 * number), 1.0, 0) for number in range(3)]
+    arm.problems.clear = lambda name, T, open_rad, beside_wall: beside_wall
+    for out in (grasps[0].T_world_above, grasps[0].T_world_grasp, raised(grasps[0].T_world_grasp, best().lift_m)):
+        arm.robot.reaches = lambda _, T, out=out: abs(T.translation_m[2] - out.translation_m[2]) > 1e-9
+        expected = None if out is grasps[0].T_world_above else grasps[1]
+        assert arm.possible(grasps) is expected
+    arm.robot.reaches = lambda *_: True
+    arm.problems.clear = lambda *_, **__: False
+    assert arm.possible(grasps) is None
+
+
+@pytest.mark.parametrize(("lasting", "shares"), [(True, RISE_SHARES), (False, (1.0,))])
+def test_an_arm_that_cannot_rise_so_far_rises_less_unless_something_is_merely_in_its_way(lasting, shares):
+    refusal = NoMotion("left", NoPlan("no way"), lasting=lasting)
+    arm, runner = raven_arm(HIGH, [refusal] * 999, observer=Looking())
+    events = []
+    arm.cell.log.event = lambda name, **_: events.append(name)
+    rise = partial(trio.run, arm.rise, 0.02, clock=MockClock(autojump_threshold=0))
+    if lasting:
+        rise()
+    else:
+        with pytest.raises(NoMotion):
+            rise()
+    heights = dict.fromkeys(float(goal.T_world_tip.translation_m[2] - HIGH[2]) for goal in runner.goals)
+    assert list(heights) == pytest.approx([0.02 * share for share in shares])
+    assert events == ["not_lifted"] * lasting
 
 
 @pytest.mark.slow

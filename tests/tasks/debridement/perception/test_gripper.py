@@ -1,12 +1,14 @@
 """Pose and opening of a gripper from its marks, visible or half hidden; and which pixels are read out for it."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from stereo_scenes import RIG, STATION
 
 from trocar.geometry import SE3, SO3
+from trocar.perception.depth import project
 from trocar.perception.image import StereoImage, StereoRig
 from trocar.tasks.debridement.perception.gripper import draw_marks
 from trocar.tasks.debridement.perception.stereo_view import StereoView
@@ -14,6 +16,7 @@ from trocar.tasks.debridement.perception.stereo_view import StereoView
 VIEW = StereoView()
 ARM = STATION.arms["left"].model
 GREY = (120, 121, 125)
+CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 POSES = [
     (SO3.axis("z", 0.3), (-0.05, -0.06, -0.12), 0.8),
     (SO3.exp([0.3, 0.1, 0.0]) @ SO3.axis("z", -0.5), (-0.06, -0.05, -0.10), 1.2),
@@ -72,6 +75,11 @@ def test_a_window_shows_the_same(stage):
     guess = SE3.from_parts(turn, np.array(place) + [0.008, -0.006, 0.007])
     window = VIEW.gripper_window(guess, stage.T_world_camera, image.rig, margin_m=0.015)
     assert window.left.corner_px[1] == window.right.corner_px[1] and window.left.size_px[1] == window.right.size_px[1]
+    for eye, part in zip(stage.eyes, (window.left, window.right), strict=True):
+        where = eye.T_world_camera.inverse().apply(guess.translation_m + 0.027 * CUBE)  # jaws and margin
+        u = project(eye.intrinsics, where)[:, 0]
+        ends = part.corner_px[0], part.corner_px[0] + part.size_px[0]
+        np.testing.assert_allclose(ends, [u.min(), u.max()], atol=2.0, err_msg="columns of each eye")
     parts = []
     for picture, part in ((image.left, window.left), (image.right, window.right)):
         (u, v), (wide, high) = part.corner_px, part.size_px
@@ -79,6 +87,17 @@ def test_a_window_shows_the_same(stage):
     found = VIEW.gripper(StereoImage(*parts, window.of(image.rig)), stage.T_world_camera, ARM)
     whole = VIEW.gripper(image, stage.T_world_camera, ARM)
     assert np.abs(found.T_world_tip.matrix - whole.T_world_tip.matrix).max() < 1e-6
+
+
+def test_a_window_has_the_rows_in_which_both_eyes_may_show_the_gripper(stage):
+    rig = stage.show().image.rig
+    guess = stage.T_world_camera @ SE3.from_parts(translation_m=[0.0, 0.0, 0.3])
+    level = VIEW.gripper_window(guess, stage.T_world_camera, rig)
+    for lower_px in (10, -10):
+        askew = StereoRig(rig.left, replace(rig.right, cy=rig.right.cy + lower_px), rig.T_left_right)
+        window = VIEW.gripper_window(guess, stage.T_world_camera, askew)
+        assert window.left.corner_px[1] == window.right.corner_px[1] == level.left.corner_px[1] + max(lower_px, 0)
+        assert window.left.size_px[1] == window.right.size_px[1] == level.left.size_px[1] - abs(lower_px)
 
 
 def test_there_is_no_window_out_of_sight(stage):

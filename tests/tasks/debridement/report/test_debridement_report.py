@@ -63,6 +63,23 @@ def test_parts_add_up_to_the_time_of_a_fragment(column):
     assert set(column.parts_s) <= set(PARTS) and set(column.failures) <= set(MODES)
 
 
+PRINTED = {
+    "one-arm": ("60 91.8 12.1 32.8 55.1 - 11.06", "1.9 0.0 0.0 0.0 3.5 5.2 0.0 0.0 0.0"),
+    "two-arms": ("60 60.3 10.0 36.6 45.7 7.7 10.58", "0.0 0.0 0.0 3.6 3.6 7.1 0.0 1.8 0.0"),
+}
+"""Table I: fragments, s per fragment, shares, replans; rates of the nine modes."""
+
+
+@pytest.mark.parametrize("variant", TABLE_1)
+def test_the_papers_columns_are_as_printed(variant):
+    lines = lines_of(variant, figures_of([row_of(made_up())]))
+    figures, rates = PRINTED[variant]
+    assert " ".join(line[2] for line in lines[:7]) == figures
+    assert " ".join(line[2].split()[0] for line in lines[7:16]) == rates
+    assert [line[1] for line in lines[:2]] == ["30", "29.0"]
+    assert [line[1] for line in lines[7:16]] == ["0.0"] * 4 + ["5.0"] + ["0.0"] * 4, "only grasps failed the person"
+
+
 def test_the_nine_modes_are_fields_of_a_score():
     assert len(MODES) == 9 and set(MODES) <= set(FragmentScore.__dataclass_fields__)
 
@@ -103,6 +120,15 @@ def test_time_is_of_fragments_that_were_cleared():
     assert figures["first_attempt"]["count"] == 11
 
 
+def test_trials_that_were_stopped_and_contacts_are_counted():
+    late = replace(failed(), ended="OUT_OF_TIME", collisions=[{}, {}, {}], wall_s=40.0)
+    figures = figures_of([row_of(made_up()), row_of(late), row_of(replace(late, about=late.about | {"session": 2}))])
+    assert figures["unfinished_trials"] == 2
+    assert figures["contacts_per_trial"]["mean"] == pytest.approx(2.0)
+    assert figures["left_behind"] == {"DROPPED_EN_ROUTE": 2}
+    assert figures["wall_s_per_trial"] == pytest.approx(100.0 / 3)
+
+
 def test_rates_have_counts_and_intervals_over_sessions():
     rates = figures_of([row_of(made_up()), row_of(failed())])["failure_modes"]
     grasp = rates["grasp_failures"]
@@ -127,6 +153,8 @@ def test_within_says_on_which_side_we_are():
 
     said = [within("two-arms", "multiple_grasps", figures(rate)) for rate in (0.0, 0.071, 0.5, None)]
     assert said == ["below", "yes", "above", "-"]
+    never = {"failure_modes": {"pickup_failures": {"rate": 0.0}}}
+    assert within("two-arms", "pickup_failures", never) == "yes", "neither did it happen in the paper"
 
 
 def test_a_run_s_report_has_table_one_beside_the_papers(tmp_path):
@@ -145,7 +173,10 @@ def test_a_run_s_report_has_table_one_beside_the_papers(tmp_path):
 
 def test_the_storyboard_shows_the_first_grasp_step_by_step_and_failures():
     trial = failed()
-    trial.events.append({"name": "fragment", "time_s": 29.0, "arm": "left", "outcome": "GRASP_FAILURE", "reason": ""})
+    noted = {"name": "fragment", "arm": "left", "outcome": "GRASP_FAILURE", "reason": ""}
+    earlier = {"name": "closing", "time_s": 2.0, "arm": "right"}
+    more = [earlier, *(noted | {"time_s": 26.0 + at} for at in range(4))]
+    trial = replace(trial, events=sorted([*trial.events, *more], key=lambda event: event["time_s"]))
     moments = DebridementReport().moments(trial)
     words = [caption for caption, _ in moments]
     assert words[:5] == [
@@ -155,5 +186,9 @@ def test_the_storyboard_shows_the_first_grasp_step_by_step_and_failures():
         "left: lifted, and looked at",
         "left: over the receptacle",
     ]
-    assert "left: grasp failure" in words and words[-1] == "end: 5 of 6 cleared"
+    assert [at for _, at in moments[:5]] == [0.0, 1.0, 5.0, 6.0, 9.0], "of the arm that goes for it"
+    cleared = [caption for caption in words if caption.endswith("in the receptacle")]
+    assert cleared == [f"fragment {number} in the receptacle" for number in range(1, 6)]
+    assert words.count("left: grasp failure") == 3, "of many, the first few"
+    assert words[-1] == "end: 5 of 6 cleared"
     assert [at for _, at in moments] == sorted(at for _, at in moments)

@@ -209,7 +209,7 @@ def solidity(mask: NDArray[np.uint8]) -> float:
         return 1.0
     hull = np.zeros_like(mask)
     cv2.fillConvexPoly(hull, cv2.convexHull(np.column_stack([u, v]).astype(np.int32)), 255)
-    return len(u) / max(1, int(np.count_nonzero(hull)))
+    return len(u) / int(np.count_nonzero(hull))
 
 
 def _pieces(mask: NDArray[np.uint8], least_px: float) -> list[NDArray[np.uint8]]:

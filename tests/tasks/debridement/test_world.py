@@ -13,6 +13,7 @@ from trocar.lab import SensorFlaws, load_station
 from trocar.lab.session import draw_session
 from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
+from trocar.tasks.debridement.goals import Receptacle
 from trocar.tasks.debridement.grips import closings_of
 from trocar.tasks.debridement.score import score_fragments
 from trocar.tasks.debridement.task import Debridement
@@ -176,6 +177,21 @@ def test_a_charged_fragment_clings_to_a_finger_if_its_charge_outdoes_its_weight(
         assert (score.failure, score.dropoff_failures) == ("STUCK_IN_JAWS", 1)
         pull_n = np.linalg.norm(lab.world.data.xfrc_applied[:, :3], axis=-1).max()
         assert 0.0 < pull_n <= 2 * 0.003 * (1 + 1e-6)  # 3 mN towards each finger that it touches
+
+
+def test_walls_stand_round_the_inside_of_the_receptacle_that_agents_know():
+    model, shape = laboratory_of(scene_of()).world.model, Receptacle()
+    inside, outside = 0.5 * np.array(shape.size_m), 0.5 * np.array(shape.size_m) + shape.wall_m
+    for name, axis, side in (("left", 0, 1), ("right", 0, -1), ("front", 1, 1), ("back", 1, -1)):
+        geom = model.geom(f"receptacle_{name}")
+        low, high = geom.pos - geom.size, geom.pos + geom.size
+        assert sorted(side * np.array([low[axis], high[axis]])) == pytest.approx([inside[axis], outside[axis]])
+        other = 1 - axis
+        assert (low[other], high[other]) == pytest.approx((-outside[other], outside[other])), "closed at its corners"
+        assert (low[2], high[2]) == pytest.approx((0.0, shape.height_m))
+    floor = model.geom("receptacle_floor")
+    assert (floor.pos[:2] == 0).all() and floor.size[:2] == pytest.approx(outside)
+    assert floor.pos[2] - floor.size[2] == pytest.approx(0.0) and floor.pos[2] + floor.size[2] < 0.5 * shape.height_m
 
 
 def test_a_fragment_that_falls_from_above_stays_in_the_receptacle():
