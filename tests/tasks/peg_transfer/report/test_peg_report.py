@@ -17,7 +17,6 @@ from trocar.tasks.peg_transfer.report import PAPER, PegReport, draw_paths, floor
 # What motion alone would take.
 
 
-
 def made(spans, duration_s, transfers, arms=("a", "b")):
     return SimpleNamespace(spans=spans, duration_s=duration_s, about={"arms": arms}, scores=[{}] * transfers)
 
