@@ -27,6 +27,13 @@ def test_twelve_pegs_stand_in_a_grid_on_the_left_and_a_hexagon_on_the_right():
     assert pegs_mm.round(6).tolist() == sorted(pegs_mm.round(6).tolist()), "numbered by x, then y"
 
 
+def test_sizes_are_those_of_the_board_and_the_block():
+    board = Pegboard()
+    assert (2 * board.peg_radius_m, board.peg_height_m) == (3.5e-3, 20e-3)
+    assert board.plates_m == ((0.100, 0.064, 0.0), (0.122, 0.083, -0.004), (0.152, 0.105, -0.009))
+    assert (BLOCK.side_m, BLOCK.corner_m, BLOCK.height_m) == (5.57e-3, 8.95e-3, 14.9e-3)
+
+
 def test_a_peg_that_is_off_is_off_its_own_way():
     off_m = tuple((1e-4 * k, -2e-4 * k) for k in range(12))
     shift = Pegboard(pegs_off_m=off_m).pegs_m - Pegboard().pegs_m
