@@ -6,14 +6,17 @@ import pytest
 
 from synthetic import config, synthetic_trial
 from trocar.calibration.models import load_model
-from trocar.errors import TrocarError, UnknownName
+from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.eval import jobs
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import open_folder
-from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, play, play_run
+from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, opened, play, play_run
 from trocar.eval.prepare import CACHE, Prepared, cable_file, cached_calibrations, prepare
 from trocar.eval.run import AGENT_ERROR
+from trocar.eval.study import conditions_of, row_file
+from trocar.eval.trial import trial_file
 from trocar.eval.trials import Trials
+from trocar.report.sweep import KIND
 from trocar.sim.world import PhysicsError
 from trocar.tasks.peg_transfer.task import PegTransfer
 
@@ -160,6 +163,38 @@ def test_what_is_wrong_with_a_trial_is_told_and_the_others_go_on(tmp_path, playe
     (wrong,) = play_run(run, tmp_path, open_folder(run, tmp_path), jobs=count)
     assert wrong.startswith(str(tmp_path)) and "is void" in wrong
     assert open_folder(run, tmp_path) == [(0, 1)]
+
+
+def test_a_study_calibrates_its_sessions_and_runs_what_is_missing(tmp_path, played, elsewhere, monkeypatch):
+    methods, ticks, prepared = "calibrated,uncalibrated", [], []
+    conditions = conditions_of(PegTransfer, tmp_path, values="unilateral", methods=methods, sessions=2, seed=2)
+    _, (first, *_) = opened(conditions)
+    play(first)
+    quickly = jobs.prepare
+
+    def prepare(run, number, folder, **how):
+        prepared.append((run.method, number, len(played)))
+        return quickly(run, number, folder, **how)
+
+    monkeypatch.setattr(jobs, "prepare", prepare)
+    assert jobs.run_study(conditions, KIND, None, lambda *tick: ticks.append(tick)) == []
+    before = [(method, session) for method, session, trials in prepared if trials == 1]
+    assert before[0] == ("calibrated", 1), "the first session is done, and who does not calibrate needs none"
+    assert ticks[:2] == [("calibrating sessions", 1, 1), ("running trials", 1, 4)]
+    assert ticks[2:] == [("running trials", done, 4) for done in (2, 3, 4)]
+    assert played == [(0, 0), (0, 0), (1, 0), (1, 0)], "session by session"
+    found = {row_file(trial_file(one.folder, *place)).is_file() for one in conditions for place in one.places}
+    assert found == {True, False}, "the row of the trial that was there is made when the study is read"
+    assert opened(conditions) == ([], [])
+
+
+def test_a_trial_of_a_study_without_a_row_is_told_and_kept(tmp_path, played, elsewhere):
+    def unreadable(trial):
+        raise InvalidInput("this trial", "has no goals")
+
+    conditions = conditions_of(PegTransfer, tmp_path, values="unilateral", methods="uncalibrated", trials=2)
+    told = jobs.run_study(conditions, replace(KIND, made=unreadable), None, lambda *_: None)
+    assert told == ["this trial has no goals"] * 2 and opened(conditions) == ([], [])
 
 
 def test_a_program_runs_trials_gets_them_and_goes_on_where_it_was(tmp_path, played, monkeypatch):
