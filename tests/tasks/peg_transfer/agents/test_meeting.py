@@ -9,7 +9,7 @@ import pytest
 import trio
 
 from simulated import ARM_MODELS, T_WORLD_BASE
-from trocar.arms import capsules, ik
+from trocar.arms import capsules, fk, ik
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.tasks.peg_transfer.agents import Settings
@@ -53,10 +53,21 @@ def test_a_block_held_at_its_outer_wall_can_be_taken_with_room(giver, receiver, 
     assert isinstance(grasp, Grasp)
     assert np.linalg.norm(grasp.T_board_tip.translation_m - offer.T_board_tip.translation_m) > 7e-3
     gives, takes = geometry.giver, geometry.receiver
+    at_grasp = takes.T_world_base @ fk(takes.model, grasp.q)
+    assert np.allclose(at_grasp.matrix, grasp.T_board_tip.matrix, atol=1e-6)
     q = ik(gives.model, gives.T_world_base.inverse() @ offer.T_board_tip)
     holding = capsules(gives.model, q, HELD_RAD).moved(gives.T_world_base)
     taking = capsules(takes.model, grasp.q, SETTINGS.taking_rad).moved(takes.T_world_base)
     assert capsule_distances_m(taking, holding).min() >= grasp.clearance_m - 1e-9 >= SETTINGS.meeting_margin_m
+
+
+@pytest.mark.parametrize("yaw_deg", [60.0, 130.0, 180.0])
+def test_a_tool_that_leaves_room_where_it_is_does_not_turn(yaw_deg):
+    geometry, T_tip_block = between("psm2", "psm1"), held_at_the_outer_wall("psm2", 0)
+    offer, _ = offered(geometry, T_tip_block, yaw_deg)
+    again = geometry.choose_offer(offer.T_board_tip, T_tip_block)
+    assert isinstance(again, Offer)
+    assert np.allclose(again.T_board_tip.matrix, offer.T_board_tip.matrix, atol=1e-9)
 
 
 def test_a_grasp_that_failed_is_avoided_and_one_near_the_tip_is_near_it():
