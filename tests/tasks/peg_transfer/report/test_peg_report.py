@@ -9,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from synthetic import synthetic_trial
+from trocar.geometry import SE3
 from trocar.log import Span
 from trocar.report import style
 from trocar.tasks.peg_transfer import report as module
@@ -122,6 +123,15 @@ def test_every_quarter_of_a_trial_is_shown_and_no_more_than_three_failures():
     ]
     assert [at for words, at in moments if "not placed" in words] == [10.0, 25.0, 40.0]
     assert [at for _, at in moments] == sorted(at for _, at in moments)
+
+
+def test_pictures_are_filled_by_the_board_wherever_it_stands():
+    T_world_board = SE3.exp([0.02, -0.01, 0.0, 0.0, 0.0, 0.3])
+    trial = synthetic_trial()
+    moved = replace(trial, arrays=trial.arrays | {"T_world_board": T_world_board.matrix})
+    corners = T_world_board.inverse().apply(PegReport().frame(moved))
+    assert len({tuple(corner) for corner in corners.round(6).tolist()}) == 8
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], np.transpose(module.FRAME_M), atol=1e-9)
 
 
 def test_a_dropped_block_is_shown_as_it_falls_and_another_failure_at_its_end():
