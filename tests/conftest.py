@@ -39,8 +39,8 @@ settings.load_profile("same")
 LONGEST = (
     *("tasks/suture/commands/test_run_suture", "tasks/peg_transfer/agents/test_learner"),
     *("tasks/peg_transfer/report/test_peg_study", "tasks/peg_transfer/agents/test_faults", "cli/test_run"),
-    *("eval/test_run_trial", "test_examples", "tasks/test_truth_barrier", "eval/test_folder", "test_tutorial"),
-    *("tasks/suture/test_trial", "sim/test_laboratory", "collect/test_collection", "report/test_summary"),
+    *("eval/test_run", "test_examples", "tasks/test_truth_barrier", "eval/test_folder", "test_tutorial"),
+    *("tasks/suture/test_trial", "sim/test_laboratory", "collect/test_collection", "report/test_files"),
     *("tasks/debridement/agents/test_faults", "tasks/suture/agents/test_circle", "eval/test_workers"),
     *("tasks/peg_transfer/agents/test_handover", "view/test_replay", "cli/test_collect"),
     *("tasks/test_every_task", "cli/test_bad_input", "calibration/test_lstm_training", "motion/test_sqp"),

@@ -11,26 +11,21 @@ import pytest
 
 from simulated import ideal_laboratory, standing
 from trocar.arms import MOTION_LIMITS
-from trocar.calibration.excitation import EXERCISE_RAD, PSM1_BOX
+from trocar.calibration.excitation import EXERCISE_RAD
 from trocar.cli.run import TaskGroup
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import (
     METHODS,
     PERCEPTIONS,
-    TASKS,
     Method,
     Task,
-    agent_explanation,
     listed_settings,
     methods_of,
     option,
     perceptions_of,
     pick_method,
     pick_perception,
-    stopped,
 )
-from trocar.eval.task import check_budget
-from trocar.lab import load_station
 from trocar.registry import Lazy, load_plugin
 from trocar.robots.arm_script import ArmScript
 
@@ -270,8 +265,6 @@ def test_a_setting_that_cannot_be_is_refused(change, words):
         (lambda: Method("by hand", Knitter, calibrated=True, learns=True), "is both calibrated and learns"),
         (lambda: METHODS.register("knitting/x", Knitter), r"method 'knitting/x' is .*; register a trocar.eval.Method"),
         (lambda: PERCEPTIONS.register("knitting/x", 3), "perception 'knitting/x' is 3; register a class"),
-        (lambda: TASKS.register("x", Knitter), "task 'x' is .*; register a frozen dataclass derived from"),
-        (lambda: TASKS.register("knitting", Knitting), r"task Knitting has no goals\(\), scene\(\), world\(\), score"),
     ],
 )
 def test_what_cannot_be_used_is_refused_when_it_is_registered(made, words):
@@ -301,61 +294,6 @@ def test_a_file_of_ones_own_adds_methods_and_perceptions(tmp_path):
     method = pick_method(Knitting, "loom")
     assert method.about == "with a loom" and type(method.make_agent(SimpleNamespace())).__name__ == "Loom"
     assert type(pick_perception(Knitting, method.perception)).__name__ == "Touch"
-
-
-# The task itself.
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda task: task.goals(), r"task 'knitting' has no goals; give its class a method goals\(\)"),
-        (lambda task: task.scene(np.random.default_rng(0), None), r"has no scene; .* scene\(rng, station\)"),
-        (lambda task: task.world(None), r"has no world; .* world\(scene\)"),
-        (lambda task: task.score(None, []), r"has no score; .* score\(truth, events\)"),
-    ],
-)
-def test_what_a_task_must_bring_along_is_said_where_it_is_missing(call, words):
-    with pytest.raises(TrocarError, match=words):
-        call(Knitting())
-
-
-def test_by_default_the_first_arm_works_where_the_station_is_and_as_it_says():
-    task, station = Knitting(), load_station("peg-transfer")
-    assert task.at(station) is station and task.nominal() is None
-    assert task.working_arms(station) == ("psm1",)
-    assert task.calibration(station, "psm1") is PSM1_BOX
-    with pytest.raises(
-        TrocarError, match="does not define where arm 'left' moves during calibration; add 'calibration'"
-    ):
-        task.calibration(load_station("raven-pair"), "left")
-
-
-def test_a_budget_is_any_time_above_none():
-    check_budget(1e-3)
-    for none in (0.0, -1.0, np.inf, np.nan):
-        with pytest.raises(InvalidInput, match="give a finite time above 0 with --budget"):
-            check_budget(none)
-
-
-def test_the_last_word_on_why_a_script_was_given_up_stands():
-    assert stopped([]) == ("", "")
-    events = [
-        {"name": "stopped", "outcome": "A", "reason": "first"},
-        {"name": "x"},
-        {"name": "stopped", "outcome": "B"},
-    ]
-    assert stopped(events) == ("B", "")
-    assert stopped(events[:2]) == ("A", "first")
-
-
-def test_a_script_explains_a_goal_by_its_own_word_or_by_why_it_was_given_up():
-    given_up = [{"name": "stopped", "outcome": "FAULT", "reason": "silence"}]
-    assert agent_explanation(None, given_up) == ("FAULT", "silence")
-    assert agent_explanation({"outcome": "DROPPED", "reason": "slick"}, given_up) == ("DROPPED", "slick")
-    for nothing in ({"outcome": "DONE"}, {}):  # it said that all went well: the truth has to tell
-        assert agent_explanation(nothing, given_up) is None
-    assert agent_explanation(None, []) is None
 
 
 # One arm as a script uses it.

@@ -5,8 +5,11 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Future
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -41,6 +44,38 @@ def test_results_come_with_their_units_and_from_other_processes(tmp_path):
     found = list(run_all(done, units(tmp_path), pick_workers("processes", 2)))
     assert all(unit[1] == number for unit, number in found)
     assert str(os.getpid()) not in {path.read_text() for path in tmp_path.glob("done_*")}
+
+
+class Slow:
+    """Stands for workers: of what was handed out, the first unit ends whenever somebody waits."""
+
+    count, died = 2, ()
+
+    def __init__(self):
+        self.waited_for = []
+
+    @contextmanager
+    def open(self):
+        yield self
+
+    def submit(self, function, unit):
+        future = Future()
+        future.unit = unit
+        return future
+
+    def wait(self, futures, **_):
+        self.waited_for.append(len(futures))
+        first = next(iter(futures))
+        first.set_result(first.unit)
+        return SimpleNamespace(done=[first])
+
+
+def test_no_more_is_handed_out_than_keeps_every_worker_busy(monkeypatch):
+    """What waits in a queue holds memory, and is worked off before a run that was stopped ends."""
+    slow = Slow()
+    monkeypatch.setattr(workers, "wait", slow.wait)
+    assert list(run_all(done, range(7), slow)) == [(number, number) for number in range(7)]
+    assert slow.waited_for == [4, 4, 4, 4, 3, 2, 1]
 
 
 def test_work_that_kills_every_worker_is_given_up_in_a_sentence(tmp_path):

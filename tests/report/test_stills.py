@@ -8,7 +8,6 @@ import pytest
 
 from synthetic import synthetic_trial
 from trocar.errors import TrocarError
-from trocar.report.files import draw_trial
 from trocar.report.stills import draw_storyboard
 from trocar.report.timechart import draw_timechart
 from trocar.tasks.peg_transfer.report import PegReport, draw_paths
@@ -36,15 +35,6 @@ def test_pictures_are_written_small_and_a_storyboard_thins_out_what_it_is_given(
     assert one.shape[1] == all_.shape[1] > 1000
     row_in = 9.6 / 4 * 480 / 640 + 0.28
     assert all_.shape[0] == pytest.approx(130 * (3 * row_in + 0.4), abs=3), "three rows of four pictures"
-
-
-def test_the_storyboard_of_a_trial_shows_its_moments(tmp_path):
-    trial = synthetic_trial(failures={3: "DROPPED"})
-    image = drawn(draw_trial(trial, tmp_path / "story.png"))
-    assert image.shape[1] > 1000
-    captions = [caption for caption, _ in PegReport().moments(trial)]
-    assert captions[0] == "start" and "peg 2 to 9: dropped" in captions and "after 12 transfers" in captions
-    assert "lifted" in captions and "released on peg 7" in captions
 
 
 def test_the_path_of_the_tool_is_drawn_over_the_board_where_it_was(tmp_path):

@@ -5,14 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from synthetic import PARTS_S, TRANSFER_S, config, synthetic_trial, unmarked
+from synthetic import PARTS_S, TRANSFER_S, config, synthetic_trial
 from trocar.errors import TrocarError
-from trocar.eval import TaskReport
-from trocar.eval.folder import load_trials, open_folder
 from trocar.eval.statistics import session_interval
-from trocar.eval.trial import trial_file
 from trocar.log import Span
-from trocar.report.files import report_of, write_report
+from trocar.report.files import report_of
 from trocar.report.summary import summarise
 from trocar.report.tables import parts_table, run_table
 
@@ -142,31 +139,3 @@ def test_what_was_not_perfect_is_in_the_summary():
 def test_no_trials_are_said_so():
     with pytest.raises(TrocarError, match="no finished trials"):
         summarise([])
-
-
-def test_a_task_that_is_not_registered_here_has_a_plain_report():
-    trial = synthetic_trial(RUN)
-    assert type(report_of(replace(trial, about=trial.about | {"task": "knitting"}))) is TaskReport
-    moments = TaskReport().moments(synthetic_trial(RUN, 0, {1: "NOT_PLACED"}))
-    assert moments[:3] == [("start", 0.0), ("transfer 1: done", 5.0), ("transfer 2: not placed", 10.0)]
-    assert moments[-1] == ("end", 60.0)
-
-
-@pytest.mark.slow
-def test_a_report_writes_what_it_names_and_the_same_again(trials, tmp_path):
-    open_folder(RUN, tmp_path)
-    for index, trial in enumerate(trials):
-        path = trial_file(tmp_path, 0, index)
-        path.parent.mkdir(exist_ok=True)
-        trial.save(path)
-    summary, files = write_report(tmp_path, *load_trials(tmp_path))
-    written = ("summary.json", "storyboard.png", "paths.png", "timechart.png")
-    first = [(tmp_path / name).read_bytes() for name in written]
-    assert unmarked(tmp_path / "summary.json") == summary
-    assert all(file.stat().st_size > 0 for file in files)
-    names = {"summary.json", "storyboard.png", "paths.png", "timechart.png", "replay.html", "report.html"}
-    assert names <= {file.name for file in files}
-    write_report(tmp_path, *load_trials(tmp_path))
-    assert [(tmp_path / name).read_bytes() for name in written] == first, "of the trials, not of the machine"
-    page = (tmp_path / "report.html").read_text()
-    assert "paths.png" in page and "20 of 24" in page and "replay.html" in page

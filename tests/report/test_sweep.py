@@ -127,6 +127,7 @@ def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path, monkeypatch):
     assert_allclose([mark.get_xdata(), pictures[1].axes[0].lines[1].get_xdata()], recorded["size"], rtol=1e-5)
     assert_allclose([bar[:, 1] for bar in success.collections[0].get_segments()][2], [100 * low, 100 * high])
     assert_allclose(collisions.lines[0].get_ydata(), [0.0, 1.0, 4.0])
+    assert success.get_ylim()[0] == collisions.get_ylim()[0] == 0.0 and success.get_ylim()[1] > 100.0
     assert unmarked(files[0]) == summary and missing[0] in summary["notes"]
     assert files[1].name == "sweep.png" and files[1].stat().st_size > 5000
 

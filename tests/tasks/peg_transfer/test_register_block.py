@@ -78,6 +78,13 @@ def test_a_plain_disc_is_no_block():
     assert not fit_cloud(np.column_stack([disc, np.full(len(disc), 0.6)]), Block()).found
 
 
+def test_points_all_over_the_place_are_no_block():
+    points = np.random.default_rng(0).uniform(-0.03, 0.03, (300, 3)) + [0.0, 0.0, 0.5]
+    fit = fit_cloud(points, Block())
+    assert not fit.found and fit.reason == "the points form no plane" and fit.T_capture_block is None
+    assert fit.inliers < 60 and fit.covered == 0.0
+
+
 @pytest.mark.parametrize(
     ("points", "message"),
     [(np.zeros((100, 2)), "shape"), (np.zeros((5, 3)), "at least 60"), (np.full((100, 3), np.nan), "NaN")],

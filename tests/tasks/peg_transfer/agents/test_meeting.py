@@ -1,16 +1,20 @@
-"""Where a block is handed over: both arms have room, whichever arm gives."""
+"""Where a block is handed over: both arms have room, whichever arm gives; and what their scripts tell each other."""
 
 from dataclasses import replace
+from math import inf
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trio
 
 from simulated import ARM_MODELS, T_WORLD_BASE
-from trocar.arms import capsules, ik
+from trocar.arms import capsules, fk, ik
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.tasks.peg_transfer.agents import Settings
-from trocar.tasks.peg_transfer.agents.meeting import ROOM_M, HandoverGeometry, Offer, Partner
+from trocar.tasks.peg_transfer.agents.meeting import ROOM_M, HandoverGeometry, HandoverState, Offer, Partner, Side
+from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, grasp_candidates, held_block
 from trocar.tasks.peg_transfer.shapes import Block
 
@@ -49,10 +53,21 @@ def test_a_block_held_at_its_outer_wall_can_be_taken_with_room(giver, receiver, 
     assert isinstance(grasp, Grasp)
     assert np.linalg.norm(grasp.T_board_tip.translation_m - offer.T_board_tip.translation_m) > 7e-3
     gives, takes = geometry.giver, geometry.receiver
+    at_grasp = takes.T_world_base @ fk(takes.model, grasp.q)
+    assert np.allclose(at_grasp.matrix, grasp.T_board_tip.matrix, atol=1e-6)
     q = ik(gives.model, gives.T_world_base.inverse() @ offer.T_board_tip)
     holding = capsules(gives.model, q, HELD_RAD).moved(gives.T_world_base)
     taking = capsules(takes.model, grasp.q, SETTINGS.taking_rad).moved(takes.T_world_base)
     assert capsule_distances_m(taking, holding).min() >= grasp.clearance_m - 1e-9 >= SETTINGS.meeting_margin_m
+
+
+@pytest.mark.parametrize("yaw_deg", [60.0, 130.0, 180.0])
+def test_a_tool_that_leaves_room_where_it_is_does_not_turn(yaw_deg):
+    geometry, T_tip_block = between("psm2", "psm1"), held_at_the_outer_wall("psm2", 0)
+    offer, _ = offered(geometry, T_tip_block, yaw_deg)
+    again = geometry.choose_offer(offer.T_board_tip, T_tip_block)
+    assert isinstance(again, Offer)
+    assert np.allclose(again.T_board_tip.matrix, offer.T_board_tip.matrix, atol=1e-9)
 
 
 def test_a_grasp_that_failed_is_avoided_and_one_near_the_tip_is_near_it():
@@ -86,3 +101,48 @@ def test_arms_that_would_come_too_near_do_not_take():
     wide = replace(takes, open_rad=takes.open_rad + 2 * np.arcsin(best.clearance_m / takes.model.tip_length_m))
     answer = replace(geometry, receiver=wide).choose_taking(T_board_block, offer.T_board_tip)
     assert isinstance(answer, str) and "between them" in answer
+
+
+# What the scripts tell each other.
+
+
+def test_before_a_meeting_nothing_is_known_and_nobody_has_had_the_block():
+    meeting = HandoverState(Transfer(0, 6), "psm1")
+    told = (meeting.announced, meeting.crowded, meeting.offered, meeting.taken, meeting.released, meeting.parted)
+    assert not meeting.passed and meeting.outcome is None and not any(event.is_set() for event in told)
+
+
+def test_who_announces_tells_where_the_block_will_be():
+    meeting = HandoverState(Transfer(0, 6), "psm1")
+    T_board_tip, T_tip_block = SE3.exp([0.01, 0.02, 0.05, 0.3, 0.0, 0.2]), SE3.exp([0.0, 0.0, 0.01, 0.0, 0.1, 0.0])
+    meeting.announce(T_board_tip, T_tip_block)
+    assert meeting.announced.is_set() and not meeting.offered.is_set() and meeting.T_board_giver is T_board_tip
+    np.testing.assert_allclose(meeting.T_board_block.matrix, (T_board_tip @ T_tip_block).matrix)
+
+
+def test_a_meeting_fails_once_and_then_neither_arm_waits_for_the_other():
+    meeting = HandoverState(Transfer(0, 6), "psm1")
+    meeting.fail(TransferOutcome.DROPPED, "it slipped")
+    meeting.fail(TransferOutcome.NOT_GRASPED, "nothing was there")
+    assert (meeting.outcome, meeting.reason) == (TransferOutcome.DROPPED, "it slipped")
+    told = (meeting.announced, meeting.crowded, meeting.offered, meeting.taken, meeting.released, meeting.parted)
+    assert all(event.is_set() for event in told) and not meeting.passed
+
+
+class Shifted:
+    """Stands for an arm of this laboratory; notes how it was told to shift."""
+
+    def __init__(self, name):
+        self.cell, self.settings, self.table, self.shifts = None, SETTINGS, None, []
+        self.motions = SimpleNamespace(T_base_board=T_WORLD_BASE[name].inverse())
+
+    async def shift(self, line_m, margin_m, contact_s):
+        self.shifts.append((line_m, margin_m, contact_s))
+
+
+@pytest.mark.parametrize(("name", "side"), [("psm1", 1.0), ("psm2", -1.0)])
+def test_an_arm_rises_straight_out_of_a_block_that_touches_the_other_arm_all_the_way(name, side):
+    arm = Shifted(name)
+    trio.run(Side(arm, None, None).rise)
+    assert arm.shifts == [((0.0, 0.0, SETTINGS.parts_m), SETTINGS.meeting_margin_m, (0.0, inf))]
+    assert Side(arm, None, None).own_side == side == np.sign(T_WORLD_BASE[name].translation_m[0])

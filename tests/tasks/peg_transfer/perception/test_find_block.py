@@ -49,6 +49,18 @@ def test_finds_the_board_from_a_poor_guess(view, sign):
     assert np.degrees(np.linalg.norm(error[3:])) < 0.2
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("tilt_deg", [-5.0, 5.0])
+def test_the_board_is_found_if_the_guess_is_tilted_by_five_degrees(view, axis, tilt_deg):
+    scene, _, camera, image = view
+    tilt = np.zeros(6)
+    tilt[3 + axis] = np.radians(tilt_deg)
+    found = find_board(image, camera.T_world_camera, scene.board, scene.T_world_board @ SE3.exp(tilt))
+    assert isinstance(found, SE3)
+    error = (scene.T_world_board.inverse() @ found).log()
+    assert np.linalg.norm(error[:3]) < 0.15e-3 and np.degrees(np.linalg.norm(error[3:])) < 0.2
+
+
 def test_no_board_is_said(view):
     scene, _, camera, image = view
     away = SE3.from_parts(translation_m=[0, 0, 0.08])

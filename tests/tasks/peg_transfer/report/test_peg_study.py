@@ -1,12 +1,14 @@
 """``trocar study peg-transfer``, from made-up trials."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from made_up_study import rows_of, saved
 from synthetic import unmarked
 from trocar.arms import fk
-from trocar.eval.study import read_study, study_of
+from trocar.eval.study import Results, read_study, study_of
 from trocar.eval.trial import Trial, trial_file
 from trocar.report.study import write_study
 from trocar.tasks.peg_transfer.report import study
@@ -76,6 +78,54 @@ def test_hypotheses_are_tested_over_sessions(made):
     assert success.verdict == HELD
     assert found["H3", "calibrated below uncalibrated"].difference == -4.0
     assert len(found) == 2  # claims on methods that were not run are left out
+
+
+def results(method, done, duration_s=60.0, collisions=0, sessions=10):
+    """Return results of a method in which so many of twelve transfers succeeded in every trial."""
+    rows = [
+        SimpleNamespace(
+            session=session,
+            attempted=12,
+            succeeded=done,
+            success_rate=done / 12,
+            transfer_time_s=(duration_s + session % 3) / 12,
+            collisions=collisions,
+            path_m=0.1 * duration_s,
+        )
+        for session in range(sessions)
+    ]
+    return Results(SimpleNamespace(name="handover", method=method), rows)
+
+
+def verdicts(*found):
+    return {(one.hypothesis, one.claim.split(":")[0]): one.verdict for one in findings(found)}
+
+
+def test_a_claim_against_which_the_sessions_speak_does_not_hold():
+    """The calibrated robot does less, and hits more; the optimised one is slower and goes further."""
+    found = verdicts(
+        results("uncalibrated", 12, collisions=1), results("calibrated", 6, 60.0, 4), results("optimized", 12, 80.0, 1)
+    )
+    assert found["H1", "calibrated above uncalibrated"] == REJECTED
+    assert found["H1", "optimized above uncalibrated"] == OPEN, "no session differs"
+    assert found["H2", "optimized below calibrated"] == REJECTED
+    assert found["H3", "calibrated below uncalibrated"] == REJECTED
+    assert found["H3", "optimized below uncalibrated"] == OPEN
+    assert found["H4", "optimized below calibrated"] == REJECTED
+    better = verdicts(results("calibrated", 12, 80.0), results("optimized", 12, 60.0))
+    assert better["H2", "optimized below calibrated"] == better["H4", "optimized below calibrated"] == HELD
+
+
+@pytest.mark.parametrize(
+    ("optimized", "calibrated", "sessions", "verdict"),
+    [(12, 12, 20, HELD), (12, 9, 20, REJECTED), (9, 12, 20, REJECTED), (12, 12, 1, OPEN), (10, 9, 4, OPEN)],
+)
+def test_success_is_similar_if_it_surely_differs_by_less_than_five_points(optimized, calibrated, sessions, verdict):
+    two = results("optimized", optimized, sessions=sessions), results("calibrated", calibrated, sessions=sessions)
+    (similar,) = [one for one in findings(two) if one.claim.endswith("within 5 points")]
+    assert similar.verdict == verdict and similar.p is None
+    assert similar.difference == pytest.approx((optimized - calibrated) / 12)
+    assert similar.claim.startswith("optimized as successful as calibrated")
 
 
 def test_two_sessions_decide_nothing(tmp_path):

@@ -20,14 +20,13 @@ if TYPE_CHECKING:
     from trocar.tasks.peg_transfer.report.study import Row
 
 COMPLETION_S = {
-    "unilateral": {"volunteers": (145.8, 44.7), "surgeon": (56.7, 6.0), "robot": (62.6, 0.7)},
-    "bilateral": {"volunteers": (129.7, 56.5), "surgeon": (56.7, 11.2), "robot": (40.4, 0.5)},
-    "handover": {"volunteers": (181.8, 61.9), "surgeon": (94.8, 10.0), "robot": (72.5, 1.3)},
+    "unilateral": {"volunteers": (145.8, 44.7), "surgeon": (56.7, 6.0)},
+    "bilateral": {"volunteers": (129.7, 56.5), "surgeon": (56.7, 11.2)},
+    "handover": {"volunteers": (181.8, 61.9), "surgeon": (94.8, 10.0)},
 }
-"""Mean and standard deviation of the completion time of a trial, caption of Fig. 10; the robot calibrated and
-optimised."""
-COLLISIONS = {"surgeon": 6, "volunteers": 8, "robot": 0}
-"""Median collisions per trial on all variants, section V-D.4."""
+"""Mean and standard deviation of people's completion time of a trial, caption of Fig. 10."""
+COLLISIONS = {"surgeon": 6, "volunteers": 8}
+"""People's median collisions per trial on all variants, section V-D.4."""
 KINDS = ("velocity", "acceleration", "jerk")
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}

@@ -273,7 +273,7 @@ def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(registries, 
     with pytest.raises(KeyError, match="a mistake"):
         looked(tmp_path, "broken", raise_errors=True)
     assert trial.ended == "AGENT_ERROR"
-    assert "KeyError: 'a mistake' (test_run_trial.py, line " in trial.reason
+    assert "KeyError: 'a mistake' (test_run.py, line " in trial.reason
     assert {score["failure"] for score in trial.scores} == {"AGENT_ERROR"}
     assert "raise error" in trial.events[-1]["traceback"]
 

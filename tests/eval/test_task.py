@@ -1,0 +1,127 @@
+"""What a task must bring along, what it has by default, its budget, and how a script explains a failure."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from trocar.calibration.excitation import PSM1_BOX
+from trocar.errors import InvalidInput, TrocarError
+from trocar.eval import TASKS, Method, Task, agent_explanation, option, stopped
+from trocar.eval.task import check_budget
+from trocar.lab import load_station
+
+
+class Knitter:
+    """An agent."""
+
+
+@dataclass(frozen=True)
+class Knitting(Task):
+    """A task of the tester's own, that says nothing of what there is to do."""
+
+    budget_s: float = option(60.0, "When it is stopped.", flag="budget", metavar="S")
+
+    name = "knitting"
+    about = "rows of stitches"
+    goal_noun = "row"
+    station = "peg-transfer"
+    methods: ClassVar = {"by-hand": Method("slowly", Knitter)}
+
+
+@dataclass(frozen=True)
+class Nameless(Knitting):
+    name = ""
+    methods: ClassVar = {}
+
+
+@dataclass(frozen=True)
+class Endless(Task):
+    name = "endless"
+    about = "rows of stitches"
+    goal_noun = "row"
+    station = "peg-transfer"
+    methods: ClassVar = Knitting.methods
+
+
+class Whole(Knitting):
+    def goals(self): ...
+
+    def scene(self, rng, station): ...
+
+    def world(self, scene): ...
+
+    def score(self, truth, events): ...
+
+
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        (Knitter, "task 'x' is .*; register a frozen dataclass derived from"),
+        (Knitting(), "task 'x' is .*; register a frozen dataclass derived from"),
+        (Nameless, "task Nameless has no name, methods; give its class these attributes"),
+        (Endless, "task Endless has no budget_s; give its class these attributes"),
+        (Knitting, r"task Knitting has no goals\(\), scene\(\), world\(\), score\(\); give its class these methods"),
+    ],
+)
+def test_a_task_that_lacks_something_is_refused_when_it_is_registered(registries, task, words):
+    with pytest.raises(InvalidInput, match=words):
+        TASKS.register("x", task)
+
+
+def test_a_task_that_lacks_nothing_can_be_registered(registries):
+    TASKS.register("x", Whole)
+    assert TASKS.pick("x") is Whole
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda task: task.goals(), r"task 'knitting' has no goals; give its class a method goals\(\)"),
+        (lambda task: task.scene(np.random.default_rng(0), None), r"has no scene; .* scene\(rng, station\)"),
+        (lambda task: task.world(None), r"has no world; .* world\(scene\)"),
+        (lambda task: task.score(None, []), r"has no score; .* score\(truth, events\)"),
+    ],
+)
+def test_what_a_task_must_bring_along_is_said_where_it_is_missing(call, words):
+    with pytest.raises(TrocarError, match=words):
+        call(Knitting())
+
+
+def test_by_default_the_first_arm_works_where_the_station_is_and_as_it_says():
+    task, station = Knitting(), load_station("peg-transfer")
+    assert task.at(station) is station and task.nominal() is None
+    assert task.working_arms(station) == ("psm1",)
+    assert task.calibration(station, "psm1") is PSM1_BOX
+    with pytest.raises(
+        TrocarError, match="does not define where arm 'left' moves during calibration; add 'calibration'"
+    ):
+        task.calibration(load_station("raven-pair"), "left")
+
+
+def test_a_budget_is_any_time_above_none():
+    check_budget(1e-3)
+    for none in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(InvalidInput, match="give a finite time above 0 with --budget"):
+            check_budget(none)
+
+
+def test_the_last_word_on_why_a_script_was_given_up_stands():
+    assert stopped([]) == ("", "")
+    events = [
+        {"name": "stopped", "outcome": "A", "reason": "first"},
+        {"name": "x"},
+        {"name": "stopped", "outcome": "B"},
+    ]
+    assert stopped(events) == ("B", "")
+    assert stopped(events[:2]) == ("A", "first")
+
+
+def test_a_script_explains_a_goal_by_its_own_word_or_by_why_it_was_given_up():
+    given_up = [{"name": "stopped", "outcome": "FAULT", "reason": "silence"}]
+    assert agent_explanation(None, given_up) == ("FAULT", "silence")
+    assert agent_explanation({"outcome": "DROPPED", "reason": "slick"}, given_up) == ("DROPPED", "slick")
+    for nothing in ({"outcome": "DONE"}, {}):  # it said that all went well: the truth has to tell
+        assert agent_explanation(nothing, given_up) is None
+    assert agent_explanation(None, []) is None
