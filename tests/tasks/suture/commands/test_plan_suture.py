@@ -97,8 +97,9 @@ def test_a_circle_out_of_reach_is_code_1_and_says_where_which_joint_and_by_how_m
 
 
 def test_what_no_arm_reaches_is_drawn_and_saved_nevertheless(plan, tmp_path):
-    code, _, err = plan(f"--arm raven2-left --out {tmp_path}/out")
+    code, out, err = plan(f"--arm raven2-left --out {tmp_path}/out")
     assert code == 1 and "out of reach" in err
+    assert "bound of worst infeasible sutures" in out and "worst infeasible" not in plan()[1]
     assert json.loads((tmp_path / "out" / "plan.json").read_text())["feasible"] is False
 
 
