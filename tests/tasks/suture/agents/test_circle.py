@@ -128,6 +128,22 @@ def test_a_joint_limit_stops_it_there_and_it_says_which():
     assert {(score.succeeded, score.failure) for score in scores} == {(False, "JOINT_LIMIT")}
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_says_how_far_a_joint_would_have_to_go_on_the_side_where_it_leaves_its_range(side, monkeypatch):
+    """Each segment goes there and back, so that the joint is within its range again at the end."""
+    forced = Suture(SETUP, GOALS[1].theta_rad, -GOALS[1].direction)
+    turned = np.array([1, 1, 1, 1, side, 1])  # the wrist's pitch goes the other way all along
+    there = [replace(segment, q=turned * segment.q) for segment in suture_segments(forced)]
+    segments = tuple(replace(segment, q=np.concatenate([segment.q, segment.q[::-1]])) for segment in there)
+    monkeypatch.setattr(circle, "suture_segments", lambda suture: segments)
+    lab, _ = drive([forced], settings=UNSEEN)
+    farthest_deg = np.degrees(np.abs(np.concatenate([piece.q[:, 4] for piece in segments])).max())
+    assert farthest_deg > 80.0
+    assert (
+        f"joint 'wrist_pitch' would go to {side * farthest_deg:.1f} deg, outside" in named(lab, "suture")[0]["reason"]
+    )
+
+
 class Refusing:
     """A robot that refuses motions which bring a joint beyond a limit, as one does that makes up for cables."""
 
