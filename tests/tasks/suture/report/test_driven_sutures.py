@@ -192,7 +192,7 @@ def test_a_limit_is_drawn_in_the_picture_of_the_joints_if_a_joint_comes_near_it(
 
 def test_the_needles_tip_is_drawn_beside_its_plan_while_it_is_driven(drawn):
     above, side = drawn(draw_needle, made_up()).axes
-    assert side.get_title().endswith(f" deg: in and out within {1e3 * ON_TARGET_M:g} mm")
+    assert side.get_title("left").endswith(f" deg: in and out within {1e3 * ON_TARGET_M:g} mm")
     (planned,), (tip,) = lines(side, color=style.ORANGE), lines(side, color=style.BLUE)
     deep_m = 0.01 * np.arange(ROWS) / (ROWS - 1)  # straight in, as it was made up
     down = SUTURE.setup.insertion.entry_angle_rad
