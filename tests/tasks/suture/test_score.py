@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.planning import DIRECTIONS
 from trocar.tasks.suture.planning.primitive import Suture, needle_poses, steps, tip_poses
 from trocar.tasks.suture.score import (
     FLICKER_S,
@@ -184,6 +185,24 @@ def test_a_needle_that_never_goes_in_or_by_hand_was_not_driven_and_one_that_stay
     assert not goes_in or found.entry_error_m < 2e-5
 
 
+@pytest.mark.parametrize(("entry", "exit_"), [(1.5, 0.0), (0.0, 1.5)])
+def test_the_entry_alone_or_the_exit_alone_can_miss_its_point(entry, exit_):
+    """The needle is shifted sideways, and shifted again while the jaws are open."""
+    side = needle_poses(SETUP, [0.0], [0.0]).matrix[DIRECTIONS.index(SUTURES[0].direction), 0, :3, 2]
+    first_m, again_m = entry * ON_TARGET_M, (exit_ - entry) * ON_TARGET_M
+    shift_m = SO3.axis("z", SUTURES[0].theta_rad).apply(first_m * side)
+    (found, *_) = Film().load().drive(shift_m=shift_m, slip=("regrasp 1", slid(again_m))).score()
+    errors = found.entry_error_m, found.exit_error_m
+    assert errors == pytest.approx((entry * ON_TARGET_M, exit_ * ON_TARGET_M), abs=3e-5)
+    assert found.failure == SutureOutcome.OFF_TARGET.name and found.slip_m < 1e-9
+
+
+def test_a_needle_is_driven_until_the_trial_ends_in_the_middle_of_it():
+    film = Film().load().drive(until="regrasp 1")
+    (found, *_) = film.score()
+    assert found.driven_s[1] == pytest.approx(film.now_s - TICK_S)
+
+
 def test_a_plan_whose_needle_stays_inside_asks_for_no_exit():
     short = replace(SETUP, insertion=replace(SETUP.insertion, rotation_rad=0.5 * SETUP.exit_turn_rad, pushes=0))
     assert Suture(short, 0.0, 1).exit_m is None
@@ -227,6 +246,10 @@ def test_jaws_that_close_may_centre_the_needle():
     for step in ("approach", "push 1"):
         (found, *_) = Film().load().drive(slip=(step, centred)).score()
         assert found.slip_m < 1e-9, step
+    late = np.clip((TICK_S * np.arange(PER_STEP) - SETTLED_S) / 0.1, 0.0, 1.0)
+    slipped = SE3.from_parts(translation_m=late[:, None] * [0.0, 0.0, 1.2 * SLIP_M])
+    (found, *_) = Film().load().drive(slip=("push 1", slipped)).score()
+    assert found.slip_m == pytest.approx(1.2 * SLIP_M), "what begins when they have settled is slip"
 
 
 @pytest.mark.parametrize(("seconds", "one"), [(FLICKER_S - 0.02, True), (FLICKER_S + 0.03, False)])
@@ -334,9 +357,10 @@ def test_a_script_that_was_stopped_explains_what_it_did_not_come_to():
 
 @pytest.mark.parametrize("key", ["suture", "start_s", "outcome"])
 def test_a_note_that_says_less_spoils_nothing(key):
-    short = {name: value for name, value in note("NEEDLE_MISSED", 1).items() if name != key}
+    short = {name: value for name, value in note("NEEDLE_MISSED", 1, end_s=5.0).items() if name != key}
     scores = Film().load().drive().score(short)
     assert scores[0].succeeded
+    assert all(score.start_s <= score.end_s for score in scores)
     assert scores[1].failure == ("NEEDLE_MISSED" if key == "start_s" else "NOT_DRIVEN")
 
 
@@ -408,3 +432,16 @@ def test_a_tip_that_trembles_on_the_surface_has_not_gone_in_and_out():
     entry, exit_ = crossings(tips)
     assert at_surface(tips, entry)[0] == pytest.approx(1e-4 * 90, abs=6e-4) and exit_ is None
     assert crossings(tips[:90]) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("heights_mm", "rows"),
+    [
+        ((1.0, -0.6, 1.0), (0, 1)),
+        ((1.0, -0.2, -0.6), (0, None)),
+        ((1.0, -0.4, -0.2), (None, None)),
+        ((1.0, -0.4, 1.0, -0.6, 1.0, -2.0), (2, 3)),
+    ],
+)
+def test_a_tip_has_gone_in_once_it_was_half_a_millimetre_deep_be_it_in_one_row(heights_mm, rows):
+    assert crossings(1e-3 * np.array(heights_mm)[:, None] * [0.0, 0.0, 1.0]) == rows

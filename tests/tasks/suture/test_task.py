@@ -9,6 +9,7 @@ import pytest
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
+from trocar.lab.flaws import Difficulty
 from trocar.tasks.suture.planning import CLOCKWISE, PRESETS
 from trocar.tasks.suture.planning.plan import PlannedSutures, setup_from
 from trocar.tasks.suture.planning.primitive import grasp_pose
@@ -67,6 +68,7 @@ def test_a_plan_of_ones_own_is_driven_in_its_setup(tmp_path):
         q = np.concatenate([piece.q for piece in suture_segments(suture)])
         q = q[((q >= SETUP.arm.lower) & (q <= SETUP.arm.upper)).all(1)]
         assert len(q) > 100 and (q >= box.lower).all() and (q <= box.upper).all()
+    assert (box.lower > SETUP.arm.lower).all() and (box.upper < SETUP.arm.upper).all()
 
 
 def test_a_plan_that_is_out_of_reach_leaves_no_room_to_calibrate_in(tmp_path):
@@ -84,6 +86,17 @@ def test_the_needle_is_given_as_the_grasp_asks():
     np.testing.assert_allclose(lengths, SETUP.needle.radius_m)
     last = SO3.axis("z", -SETUP.needle.arc_rad).apply(scene.wire_points_m[0])
     np.testing.assert_allclose(scene.wire_points_m[-1], last, atol=1e-12)
+
+
+def test_a_person_places_the_needle_as_exactly_as_the_cell_says():
+    rng, station = np.random.default_rng(0), TASK.at(STATION)
+    harder = replace(station, difficulty=Difficulty.of("mild", ["needle=2"]))
+    loaded = [T for _ in range(200) for T in TASK.scene(rng, harder)[0].T_needle_loaded]
+    assert len(loaded) == 200 * len(TASK.goals()), "one for each suture"
+    spread = np.std([T.log() for T in loaded], axis=0)
+    np.testing.assert_allclose(spread, [*[0.6e-3] * 3, *np.radians([6.0] * 3)], rtol=0.1)
+    exact = replace(station, difficulty=Difficulty.of("mild", ["needle=0"]))
+    assert all(np.array_equal(T.matrix, np.eye(4)) for T in TASK.scene(rng, exact)[0].T_needle_loaded)
 
 
 def test_the_station_of_the_task_is_that_of_its_default_plan():

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.suture.agents import circle
 from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along, run_up
+from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import suture_joints
 from trocar.tasks.suture.planning.primitive import Suture
@@ -111,6 +113,44 @@ def test_every_part_is_noted_and_what_is_sent_keeps_the_limits(two_sutures):
     assert np.abs(lab.cell.robot.setpoint("psm1").q - STATION.arms["psm1"].park_q()).max() < 1e-6
 
 
+@pytest.fixture(scope="module")
+def unseen_suture():
+    lab, (score,) = drive(GOALS[:1], settings=UNSEEN)
+    assert score.succeeded
+    return lab
+
+
+def test_the_way_in_is_travelled_and_the_needle_is_driven_at_their_own_speeds(unseen_suture):
+    begins = {event["step"]: event["time_s"] for event in named(unseen_suture, "step")}
+    motions = [span for span in unseen_suture.log.spans if span.name == "motion"]
+    speeds = {
+        "lower": UNSEEN.travel_speed_m_s,
+        "penetrate": UNSEEN.driving_speed_m_s,
+        "rotate": UNSEEN.driving_speed_m_s,
+    }
+    for piece, then in pairwise(suture_segments(GOALS[0])):
+        if piece.name in speeds:
+            last = [m for m in motions if begins[piece.name] <= m.start_s < begins[then.name] - 1e-6][-1]
+            took_s = last.end_s - last.start_s
+            assert took_s == pytest.approx(piece.length_m / speeds[piece.name], abs=0.011), piece.name
+
+
+def test_jaws_that_went_back_beyond_the_next_grip_have_come_forward_to_it_when_they_push(unseen_suture):
+    begins = {event["step"]: event["time_s"] for event in named(unseen_suture, "step")}
+    desired = unseen_suture.recorder.joints("desired")["psm1"][:, :6]
+    pushes = [piece for piece in suture_segments(GOALS[0]) if piece.name.startswith("push")]
+    for piece in pushes:
+        np.testing.assert_allclose(desired[round(begins[piece.name] / 0.01)], piece.q[0], atol=1e-3)
+    assert len(pushes) == 2
+
+
+def test_the_tip_goes_in_and_comes_out_at_speeds_of_their_own_after_the_last_looks():
+    agent = CircleSuturing(briefed(laboratory().cell, settings=replace(QUICK, entry_speed_m_s=1.0, exit_speed_m_s=2.0)))
+    pieces = suture_segments(GOALS[0])[:-2]
+    speeds = [(each.segment.name, agent._speed_m_s(each)) for each in stretches(pieces, SETUP)]
+    assert [pair for pair in speeds if pair[1]] == [("penetrate", 1.0), ("push 1", 2.0), ("push 1", 2.0)]
+
+
 def test_a_joint_limit_stops_it_there_and_it_says_which():
     bad = GOALS[1]
     forced = Suture(SETUP, bad.theta_rad, -bad.direction)
@@ -126,6 +166,22 @@ def test_a_joint_limit_stops_it_there_and_it_says_which():
     near = np.minimum(SETUP.arm.upper - last, last - SETUP.arm.lower)[[0, 1, 3, 4, 5]]
     assert 0.0 <= near.min() < math.radians(3.0)  # it drove up to the limit
     assert {(score.succeeded, score.failure) for score in scores} == {(False, "JOINT_LIMIT")}
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_says_how_far_a_joint_would_have_to_go_on_the_side_where_it_leaves_its_range(side, monkeypatch):
+    """Each segment goes there and back, so that the joint is within its range again at the end."""
+    forced = Suture(SETUP, GOALS[1].theta_rad, -GOALS[1].direction)
+    turned = np.array([1, 1, 1, 1, side, 1])  # the wrist's pitch goes the other way all along
+    there = [replace(segment, q=turned * segment.q) for segment in suture_segments(forced)]
+    segments = tuple(replace(segment, q=np.concatenate([segment.q, segment.q[::-1]])) for segment in there)
+    monkeypatch.setattr(circle, "suture_segments", lambda suture: segments)
+    lab, _ = drive([forced], settings=UNSEEN)
+    farthest_deg = np.degrees(np.abs(np.concatenate([piece.q[:, 4] for piece in segments])).max())
+    assert farthest_deg > 80.0
+    assert (
+        f"joint 'wrist_pitch' would go to {side * farthest_deg:.1f} deg, outside" in named(lab, "suture")[0]["reason"]
+    )
 
 
 class Refusing:
@@ -184,10 +240,21 @@ def test_the_start_of_a_way_is_come_to_along_it():
 
 def test_jaws_that_were_given_nothing_say_so():
     lab, (score,) = drive(GOALS[:1], nobody)
+    assert sum(span.name == "loading" for span in lab.log.spans) == QUICK.loadings
     assert outcomes(lab) == [SutureOutcome.NEEDLE_MISSED.name]
     assert named(lab, "step") == []
     assert (score.succeeded, score.failure) == (False, "NEEDLE_MISSED")
     assert score.entry_error_m is None
+
+
+@pytest.mark.slow
+def test_a_needle_that_is_badly_loaded_is_loaded_anew_as_often_as_allowed(monkeypatch):
+    monkeypatch.setattr(NeedleTracker, "well_loaded", property(lambda tracker: False))
+    lab = laboratory()
+    agent = CircleSuturing(briefed(lab.cell))
+    assert not lab.run(lambda cell: agent.run(), 25.0)
+    assert "penetrate" in [event["step"] for event in named(lab, "step")], "then it is driven nevertheless"
+    assert len(named(lab, "loaded anew")) == QUICK.loadings - 1
 
 
 def test_a_cell_without_an_assistant_is_refused():

@@ -1,6 +1,7 @@
 """The estimates of arm and needle."""
 
 import numpy as np
+import pytest
 
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.agents.needle_estimator import (
@@ -92,6 +93,18 @@ def of_grasp(estimator, covariance):
     """Return a twist's covariance of the needle in the axes of the grasp."""
     to_grasp = np.linalg.inv(estimator._T_needle_grasp().adjoint())
     return to_grasp @ covariance @ to_grasp.T
+
+
+@pytest.mark.parametrize("T_tip_needle", [HELD, BACK], ids=["first grip", "regrasped"])
+def test_the_axes_of_a_grasp_are_the_jaws_closing_axis_and_the_wire(T_tip_needle):
+    estimator, held_at = NeedleEstimator(), T_tip_needle.inverse()
+    estimator.loaded(T_tip_needle)
+    T_needle_grasp = estimator._T_needle_grasp()
+    closing, along, _ = T_needle_grasp.rotation.matrix.T
+    np.testing.assert_allclose(T_needle_grasp.translation_m, held_at.translation_m)
+    np.testing.assert_allclose(closing, held_at.rotation.matrix[:, 0], atol=1e-12)
+    assert along[2] == pytest.approx(0.0, abs=1e-9), "the wire lies in the needle's plane"
+    assert along @ held_at.translation_m == pytest.approx(0.0, abs=1e-9), "and is at right angles to its radius"
 
 
 def test_flat_jaws_fix_two_of_six_and_leave_a_person_the_others():

@@ -18,11 +18,15 @@ def test_the_search_is_never_worse_than_the_preset_and_says_that_it_proves_nothi
     code, out, _ = trocar("plan setup --free port --evaluations 100 --json")
     found = json.loads(out)
     assert code == 0
-    assert found["reward"] >= found["start_reward"]
+    assert found["reward"] >= found["start_reward"] == json.loads(trocar("plan suture --json")[1])["reward"]
     assert "proves nothing" in found["certified"]
     for number in found["free"]:
         assert number["low"] <= number["to"] <= number["high"]
         assert number["name"].startswith("base_")
+    was = {number["name"]: number["from"] for number in found["free"]}
+    assert was == pytest.approx(
+        {"base_azimuth_deg": 225, "base_sideways_mm": 50, "base_up_mm": 100, "base_tilt_deg": 40, "base_spin_deg": -135}
+    )
 
 
 def test_a_base_is_found_for_an_arm_that_does_not_reach_from_the_presets(trocar):
@@ -36,7 +40,9 @@ def test_a_base_is_found_for_an_arm_that_does_not_reach_from_the_presets(trocar)
 
 def test_the_printed_command_keeps_the_gaps_that_were_asked_for(trocar):
     line = "plan setup --free center_x_mm --evaluations 96 --min-gap-deg 80 --max-gap-deg 100 --json"
-    assert "--min-gap-deg 80" in json.loads(trocar(line)[1])["command"]
+    found = json.loads(trocar(line)[1])
+    assert "--min-gap-deg 80" in found["command"]
+    assert np.diff(found["positions_deg"]).min() >= 80 and np.diff(found["positions_deg"]).max() <= 100
 
 
 def test_the_printed_command_plans_in_the_setup_that_was_found(trocar, tmp_path):

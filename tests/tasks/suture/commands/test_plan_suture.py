@@ -6,6 +6,9 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+WRIST = ("roll_deg", "wrist_pitch_deg", "wrist_yaw_deg")
+WRIST_TITLES = ["roll left, deg", "wrist pitch left, deg", "wrist yaw left, deg"]
+
 
 @pytest.fixture
 def plan(trocar):
@@ -44,6 +47,8 @@ def test_the_paper_demo_has_its_table_near_the_papers(answer):
         for allowed, printed in row.items():
             assert found["table"][location][allowed] == pytest.approx(printed, abs=4)
     assert found["switches_deg"] == pytest.approx([67, 228], abs=5)
+    thirds = answer("--preset paper-demo --count 3 --positions 90")
+    assert "table" not in thirds, "whose plans of 4 sutures need a multiple of 4 positions"
 
 
 def test_wider_gaps_are_never_worse_and_any_angles_neither(answer):
@@ -97,8 +102,9 @@ def test_a_circle_out_of_reach_is_code_1_and_says_where_which_joint_and_by_how_m
 
 
 def test_what_no_arm_reaches_is_drawn_and_saved_nevertheless(plan, tmp_path):
-    code, _, err = plan(f"--arm raven2-left --out {tmp_path}/out")
+    code, out, err = plan(f"--arm raven2-left --out {tmp_path}/out")
     assert code == 1 and "out of reach" in err
+    assert "bound of worst infeasible sutures" in out and "worst infeasible" not in plan()[1]
     assert json.loads((tmp_path / "out" / "plan.json").read_text())["feasible"] is False
 
 
@@ -132,6 +138,16 @@ def test_bad_input_is_one_sentence_and_code_2(plan, line, words):
     assert err.startswith("trocar: ")
     assert err.count("\n") == 1
     assert words in err
+
+
+def test_the_table_tells_the_room_of_each_joint_of_the_wrist_in_its_unit(answer, plan):
+    found, out = answer("--count 1"), plan("--count 1")[1]
+    assert "1 suture by psm-classic" in out
+    titles = [[cell.strip() for cell in line.split("┃")[3:6]] for line in out.splitlines() if "┃" in line]
+    assert [" ".join(parts) for parts in zip(*titles, strict=True)] == WRIST_TITLES
+    (room,) = found["joint_room"]
+    row = next(line for line in out.splitlines() if f"{found['reward']:.4f}" in line)
+    assert [cell.strip() for cell in row.split("│")[3:6]] == [f"{room[name]:.1f}" for name in WRIST]
 
 
 def test_sutures_that_cross_are_reported(answer, plan):

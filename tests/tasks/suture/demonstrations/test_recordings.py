@@ -174,6 +174,7 @@ ONE_ROW = ",".join(HEADER) + "\n"
         (TWO + "[[sutures]]\ntheta_deg = 0\n", ("sutures has no key 'file'",)),
         (TWO + entry(more="rows = [5, 2]"), ("rows of a.csv are [5, 2]",)),
         (TWO + entry(more="rows = [0, 900]"), ("0 to 900", "24 rows")),
+        (TWO + entry(more="rows = [10, 25]"), ("10 to 25", "has 24 rows")),
         (TWO + entry(more="rows = [3, 4]"), ("1 row(s)", "2 or more")),
         (TWO + entry("b.csv"), ("b.csv", "does not exist")),
         (TWO + entry("a.mat"), ("'.mat'", ".csv or .txt")),

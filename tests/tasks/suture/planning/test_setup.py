@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.planning import (
     PRESETS,
     Circle,
@@ -104,11 +104,14 @@ def test_another_azimuth_rotates_the_joints_round_the_circle():
     )
 
 
-def test_a_shift_of_the_centre_leaves_the_base_where_it_is():
-    setup = PRESETS["default"].setup
-    moved = with_parameters(setup, {"center_x_m": 0.004, "center_y_m": -0.003})
+@pytest.mark.parametrize("shift_m", [{"x": 0.004, "y": -0.003}, {"x": 0.004}, {"y": -0.003}])
+def test_a_shift_of_the_centre_is_along_the_circles_own_axes_and_leaves_the_base_where_it_is(shift_m):
+    at = SE3.from_parts(SO3.exp([0.2, -0.1, 0.5]), [0.01, 0.02, -0.01])
+    setup = replace(PRESETS["default"].setup, circle=Circle(T_world_circle=at))
+    moved = with_parameters(setup, {f"center_{axis}_m": value for axis, value in shift_m.items()})
     np.testing.assert_allclose(moved.T_world_base.matrix, setup.T_world_base.matrix, atol=1e-12)
-    np.testing.assert_allclose(moved.circle.T_world_circle.translation_m, [0.004, -0.003, 0.0], atol=1e-15)
+    shifted = at.apply([shift_m.get("x", 0.0), shift_m.get("y", 0.0), 0.0])
+    np.testing.assert_allclose(moved.circle.T_world_circle.translation_m, shifted, atol=1e-15)
 
 
 def test_an_unknown_parameter_is_told_with_the_choices():

@@ -3,9 +3,10 @@ import pytest
 
 from trocar.errors import TrocarError
 from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
+from trocar.tasks.suture.planning.primitive import path_samples, tip_poses
 from trocar.tasks.suture.planning.rewards import scored
 from trocar.tasks.suture.planning.setup import with_parameters
-from trocar.tasks.suture.planning.setup_search import GROUPS, free_bounds, jaws_above_m, search_setup
+from trocar.tasks.suture.planning.setup_search import GROUPS, _cost, free_bounds, jaws_above_m, search_setup
 
 SETUP, FOLDED = PRESETS["default"].setup, PRESETS["paper-demo"].setup
 START = dexterity(SETUP, positions=72)
@@ -48,6 +49,34 @@ def test_it_finds_the_best_radius_that_a_fine_scan_finds():
 def test_a_grasp_that_flat_jaws_cannot_hold_is_left():
     held = searched(("grasp_lean_rad", "grasp_skew_rad"), 1, setup=FOLDED)
     assert held.best.setup.grasp.holdable or held.best.setup.grasp == FOLDED.grasp
+
+
+@pytest.mark.parametrize(("lean_rad", "lowest"), [(0.5, "wire"), (-0.6, "joint")])
+def test_jaws_are_as_high_as_their_lower_end_be_it_on_the_wire_or_at_their_joint(lean_rad, lowest):
+    setup = with_parameters(SETUP, {"grasp_lean_rad": lean_rad})
+    samples = path_samples(setup)
+    T_circle_tip = tip_poses(setup, samples.advance_m, samples.jaws_rad)
+    ends = {"wire": [0.0, 0.0, 0.0], "joint": [0.0, 0.0, setup.arm.tip_length_m]}
+    heights = {name: T_circle_tip.apply(end)[..., 2].min() for name, end in ends.items()}
+    assert min(heights, key=heights.__getitem__) == lowest
+    assert jaws_above_m(setup) == pytest.approx(heights[lowest])
+
+
+@pytest.mark.parametrize(
+    ("rank", "worse_and_worse"),
+    [
+        ((-1, 0), [{"base_sideways_m": 0.05}]),
+        ((10, 20), [{"base_up_m": 0.30}, {"base_up_m": 0.40}]),  # too far for the insertion
+        # too near: the wrist gets too shallow
+        ((10, 20), [{"base_sideways_m": 0.02, "base_up_m": up} for up in (0.07, 0.06, 0.05)]),
+        ((30, 40), [{"grasp_skew_rad": 0.2}, {"grasp_skew_rad": 0.5}, {"grasp_skew_rad": 1.0}]),
+        ((30, 40), [{"grasp_lean_rad": -0.6}, {"grasp_lean_rad": -0.9}]),
+    ],
+)
+def test_the_search_is_led_out_of_setups_without_a_plan_the_worse_the_dearer(rank, worse_and_worse):
+    setups = [with_parameters(SETUP, values) for values in worse_and_worse]
+    costs = [_cost(setup, START, START.thetas_rad, plan_even) for setup in setups]
+    assert all(rank[0] <= cost <= rank[1] for cost in costs) and costs == sorted(set(costs))
 
 
 @pytest.mark.parametrize(

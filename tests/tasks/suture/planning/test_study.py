@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.tasks.suture.planning import PRESETS, Reward, SutureSetup, dexterity
+from trocar.tasks.suture.planning import PRESETS, Reward, SutureSetup, dexterity, plan_even
 from trocar.tasks.suture.planning.study import (
     PAPER_TABLE_1,
     LambdaSweep,
+    gains,
     lambda_sweep,
     mirrored,
     plan_values,
@@ -43,6 +44,22 @@ def test_table_1_is_the_mean_and_the_maximum_over_every_plan_one_by_one():
         [100 * max(plan) / best for plan in plans.values()],
     ]
     np.testing.assert_allclose(table_1(found), expected, rtol=1e-12)
+
+
+def test_the_papers_own_gains_are_its_11_to_57_percent_as_differences_in_points():
+    found = gains(PAPER_TABLE_1)
+    assert [row["points"] for row in found.values()] == pytest.approx([11.4, 34.4, 57.2])
+    assert [row["ratio_percent"] for row in found.values()] == pytest.approx([12.87, 52.44, 133.64], abs=0.01)
+
+
+def test_the_summary_says_where_the_best_plan_starts_and_where_each_arm_moves_best(demo):
+    summary, angles = demo.summary(), np.arange(360)
+    assert summary["best_theta_deg"] == pytest.approx(np.degrees(plan_even(demo.map).positions_rad[0]))
+    for highest, curve in zip(summary["manipulability_highest_at_deg"], demo.manipulability, strict=True):
+        assert curve[angles == round(highest)] == curve.max()
+    row = demo.map.choice
+    q = demo.map.joints.q[row, angles][..., 3:]
+    assert summary["largest_wrist_deg"][1:] == pytest.approx(np.degrees(np.abs(q).max((0, 1)))[1:], abs=1e-6)
 
 
 def test_the_sweep_scales_each_function_to_ten_and_agrees_with_plans_made_one_by_one(demo):

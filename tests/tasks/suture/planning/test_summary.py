@@ -22,9 +22,11 @@ from trocar.tasks.suture.planning import (
 )
 from trocar.tasks.suture.planning.setup import with_parameters
 from trocar.tasks.suture.planning.summary import (
+    REMEDY,
     circle_out_of_reach,
     crossing_sutures,
     plan_out_of_reach,
+    tissue_warnings,
     unreachable_arcs,
 )
 
@@ -72,6 +74,25 @@ def test_the_sentence_names_positions_joint_value_excess_and_limit():
     assert "\n" not in sentence
 
 
+def without_solutions(*places):
+    """Return the joints of the default setup as if the arm had none at these positions, which are in degrees."""
+    joints = dexterity(DEFAULT.setup).joints
+    q = joints.q.copy()
+    q[:, list(places)] = np.nan
+    return replace(joints, q=q)
+
+
+@pytest.mark.parametrize(("arcs", "more"), [(3, ""), (5, "; and at 2 more arcs")])
+def test_the_longest_arcs_are_named_first_and_of_many_only_how_many_more(arcs, more):
+    """They begin at 10, 40, ... deg, each one degree longer than the last."""
+    joints = without_solutions(*(10 + 30 * k + place for k in range(arcs) for place in range(k + 1)))
+    found = [(round(arc["from"]), round(arc["to"])) for arc in unreachable_arcs(joints)]
+    assert found == [(10 + 30 * k, 10 + 31 * k) for k in reversed(range(arcs))]
+    sentence = circle_out_of_reach(joints)
+    assert re.findall(r"at (\d+) (?:to \d+ )?deg", sentence) == [str(first) for first, _ in found[:3]]
+    assert sentence.endswith(f"as planned{more}; {REMEDY}")
+
+
 def test_depth_is_named_where_it_is_the_depth_that_is_lacking():
     setup = replace(DEFAULT.setup, T_world_base=base_beside(0.0, 0.010, 0.030))
     joints = dexterity(setup).joints
@@ -82,10 +103,7 @@ def test_depth_is_named_where_it_is_the_depth_that_is_lacking():
 
 
 def test_no_configuration_at_all_is_said_so():
-    joints = dexterity(DEFAULT.setup).joints
-    q = joints.q.copy()
-    q[:, 10:13] = np.nan
-    assert "at 10 to 12 deg no configuration" in circle_out_of_reach(replace(joints, q=q))
+    assert "at 10 to 12 deg no configuration" in circle_out_of_reach(without_solutions(10, 11, 12))
 
 
 def test_a_plan_names_its_own_sutures_where_another_direction_would_do():
@@ -133,6 +151,13 @@ def test_sutures_that_head_for_each_other_cross_and_others_do_not():
     assert crossing(DEFAULT.setup, [3, 63], [CW, CCW]) == []
     assert crossing(DEFAULT.setup, [0, 90, 180, 270], [CCW, CW, CCW, CW]) == []
     assert crossing(replace(DEFAULT.setup, circle=Circle(0.040)), [3, 63], [CCW, CW]) == []
+
+
+@pytest.mark.parametrize(("pairs", "more"), [(3, ""), (5, " and 2 more pairs")])
+def test_of_many_sutures_that_cross_three_pairs_are_named_and_how_many_more(pairs, more):
+    values = {"crossing_deg": [[10 * k, 10 * k + 5] for k in range(pairs)], "needle_comes_out": True}
+    (warning,) = tissue_warnings(values)
+    assert f"from above: 0 and 5, 10 and 15, 20 and 25 deg{more}; ask" in warning
 
 
 def test_paths_nearer_than_the_wire_meet_though_they_do_not_cross():

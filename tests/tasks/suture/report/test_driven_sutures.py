@@ -1,13 +1,15 @@
 """Driven sutures in numbers, on made-up trials."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 
 from trocar.eval.scenery import Scenery
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.report import style
+from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, Circle
 from trocar.tasks.suture.planning.primitive import needle_poses
 from trocar.tasks.suture.report.driven_sutures import (
     SutureReport,
@@ -15,8 +17,10 @@ from trocar.tasks.suture.report.driven_sutures import (
     draw_needle,
     driven_summary,
     joint_errors,
+    setup_of,
     steps_of,
 )
+from trocar.tasks.suture.score import ON_TARGET_M
 from trocar.tasks.suture.task import CircleSutures
 
 STEPS = ("approach", "penetrate", "rotate", "regrasp 1", "push 1", "withdraw")
@@ -102,6 +106,30 @@ def test_what_was_not_measured_is_none():
     assert nothing["joint_error_deg"]["roll"] == {"rms": None, "max": None}
 
 
+def test_a_suture_is_told_in_degrees_its_direction_and_millimetres():
+    report, (score,) = SutureReport(), made_up().scores
+    assert report.goal(score | {"theta_deg": 12.3, "direction": CLOCKWISE}) == "at 12 deg, clockwise"
+    assert report.goal(score | {"theta_deg": 12.3, "direction": COUNTERCLOCKWISE}) == "at 12 deg, counterclockwise"
+    expected = {"entry off, mm": 0.1, "exit off, mm": None, "tip off its path, RMS mm": 0.2, "slip, mm": 0.05}
+    assert report.measured(score) == {what: value and pytest.approx(value) for what, value in expected.items()}
+
+
+def test_a_picture_holds_the_circle_and_a_needle_over_it():
+    points = SUTURE.setup.circle.T_world_circle.inverse().apply(SutureReport().frame(made_up()))
+    ring, higher = np.split(points, 2)
+    assert np.linalg.norm(ring, axis=1).min() > SUTURE.setup.circle.radius_m and np.abs(ring[:, 2]).max() < 1e-6
+    np.testing.assert_allclose((higher - ring)[:, :2], 0.0, atol=1e-9)
+    assert (higher[:, 2] > SUTURE.setup.needle.radius_m).all()
+
+
+def test_a_trial_of_a_plan_is_drawn_in_the_setup_of_that_plan():
+    trial, options = made_up(), TASK.options()
+    assert setup_of(trial).circle.radius_m == SUTURE.setup.circle.radius_m
+    plan = replace(TASK.plan, setup=replace(SUTURE.setup, circle=Circle(0.025))).values()
+    of_plan = replace(trial, about=trial.about | {"options": options | {"preset": None, "plan_file": plan}})
+    assert setup_of(of_plan).circle.radius_m == 0.025
+
+
 def test_what_stopped_a_trial_and_what_is_modelled_is_said():
     assert SutureReport().notes([made_up(failure="JOINT_LIMIT")])[0] == "why"
     plain = SutureReport().notes([made_up()])
@@ -116,19 +144,68 @@ def test_the_first_suture_is_shown_step_by_step_and_every_picture_bears_its_angl
     assert [time_s for _, time_s in moments] == sorted(time_s for _, time_s in moments)
 
 
-def test_the_picture_of_the_joints_bears_the_figures_of_the_table(monkeypatch, tmp_path):
-    said = []
-    real = Axes.set_title
-    monkeypatch.setattr(Axes, "set_title", lambda self, text, **how: said.append(text) or real(self, text, **how))
-    monkeypatch.setattr(style, "write_figure", lambda path, *_, **__: path.touch())  # what is said, without drawing it
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    """Return how a trial is drawn, as a figure that was not written."""
+    figures = []
+    monkeypatch.setattr(style, "write_figure", lambda path, figure, **_: figures.append(figure) or path.touch())
+
+    def draw(by, trial):
+        by(trial, tmp_path / "picture.png", "by hand")
+        return figures.pop()
+
+    return draw
+
+
+def lines(axes, **looks):
+    """Return the data (n, 2) of the lines that look so."""
+    found = [line for line in axes.get_lines() if all(getattr(line, f"get_{k}")() == v for k, v in looks.items())]
+    return [np.column_stack(line.get_data()).astype(float) for line in found]
+
+
+def test_the_picture_of_the_joints_bears_the_figures_of_the_table(drawn):
     trial = made_up()
-    draw_joints(trial, tmp_path / "joints.png", "by hand")
+    axes = drawn(draw_joints, trial).axes
     summary = driven_summary([trial])
     table = SutureReport().tables(summary | {"method": "by hand"})[0]
     rms, largest = (list(table.columns[k].cells) for k in (1, 2))
-    shown = [text for text in said if text.startswith("shaded: ")]
-    assert shown[0] == f"shaded: RMS {rms[0]}, largest {largest[0]} deg"
-    assert shown[2] == f"shaded: RMS {rms[5]}, largest {largest[5]} mm", "the insertion"
+    assert axes[1].get_title("right") == f"shaded: RMS {rms[0]}, largest {largest[0]} deg"
+    assert axes[5].get_title("right") == f"shaded: RMS {rms[5]}, largest {largest[5]} mm", "the insertion"
+    assert rms[7:] == ["", "", ""] and largest[7:] == ["0.10", "-", "0.05"], "entry, exit and slip have a largest only"
+    for index, off in enumerate((0.1, -0.2, 1.0, 1.0, 2.0, -3.0)):
+        (error,) = lines(axes[2 * index + 1], color=style.PURPLE)
+        while_driven = (error[:, 0] > 1.01) & (error[:, 0] < 4.99)
+        np.testing.assert_allclose(error[while_driven, 1], off, atol=1e-3)
+
+
+def test_a_limit_is_drawn_in_the_picture_of_the_joints_if_a_joint_comes_near_it(drawn):
+    trial, arm = made_up(), SUTURE.setup.arm
+    shares = np.array([0.5, 0.1, 0.9, 0.5, 0.8, 0.2])
+    trial.arrays["true_psm1"][:, :6] = arm.lower + shares * (arm.upper - arm.lower)
+    limits = [
+        np.unique(line[:, 1]).tolist()
+        for axes in drawn(draw_joints, trial).axes[::2]
+        for line in lines(axes, linestyle="--")
+    ]
+    assert limits == [[pytest.approx(np.degrees(arm.lower[1]))], [pytest.approx(1e3 * arm.upper[2])]]
+
+
+def test_the_needles_tip_is_drawn_beside_its_plan_while_it_is_driven(drawn):
+    above, side = drawn(draw_needle, made_up()).axes
+    assert side.get_title("left").endswith(f" deg: in and out within {1e3 * ON_TARGET_M:g} mm")
+    (planned,), (tip,) = lines(side, color=style.ORANGE), lines(side, color=style.BLUE)
+    deep_m = 0.01 * np.arange(ROWS) / (ROWS - 1)  # straight in, as it was made up
+    down = SUTURE.setup.insertion.entry_angle_rad
+    went_mm = 1e3 * deep_m[:, None] * [np.cos(down), -np.sin(down)]
+    seen = np.isfinite(tip).all(1)
+    np.testing.assert_allclose(tip[seen], went_mm[seen], atol=0.01)
+    times = 0.01 * np.flatnonzero(seen)
+    assert times.min() == pytest.approx(1.0) and times.max() == pytest.approx(5.0)
+    assert not ((times > 3.001) & (times < 3.999)).any(), "open jaws that go back along it do not drive it"
+    assert planned[0].tolist() == [0.0, 0.0] and planned[:, 1].min() < -1.0
+    (seen_above,) = lines(above, color=style.BLUE, linewidth=1.0)[:1]
+    entry_mm = 1e3 * SUTURE.entry_m[:2]
+    assert np.nanmin(np.linalg.norm(seen_above - entry_mm, axis=1)) == pytest.approx(went_mm[100, 0], abs=0.01)
 
 
 @pytest.mark.parametrize("draw", [draw_joints, draw_needle])

@@ -57,6 +57,44 @@ def test_the_base_is_told_as_seen_from_the_circles_centre(tmp_path, monkeypatch)
     assert f"{np.hypot(*base):.0f} mm beside,\n90 mm above\nthe circle's centre" in "".join(texts)
 
 
+@pytest.fixture
+def figure(monkeypatch, tmp_path):
+    """Return a function that draws something and returns its figure, which is not written."""
+    figures = []
+    monkeypatch.setattr(style, "write_figure", lambda path, drawn, **_: figures.append(drawn) or path.touch())
+
+    def draw(by, *what):
+        by(*what, tmp_path / "picture.png")
+        return figures.pop()
+
+    return draw
+
+
+def test_each_suture_is_labelled_where_it_is_with_its_angle_and_reward(figure):
+    found = dexterity(DEFAULT.setup)
+    plan = plan_even(found)
+    drawn = figure(draw_plan, found, plan)
+    places = {text.get_text(): text.get_position() for text in drawn.axes[0].texts}
+    for theta, reward in zip(plan.positions_rad, plan.rewards, strict=True):
+        x, y = places[f"{np.degrees(theta):.4g}°\n{reward:.3f}"]
+        assert np.arctan2(y, x) % (2 * np.pi) == pytest.approx(theta) and np.hypot(x, y) < 30.0
+    assert places["90°"][1] > 30.0 and places["180°"][0] < -30.0
+    assert drawn.get_suptitle().strip() == f"4 sutures, reward of the worst {plan.reward:.3f}"
+    beyond = replace(plan, feasible=False)
+    assert figure(draw_plan, found, beyond).get_suptitle().strip().endswith(", out of reach")
+
+
+def test_the_reasons_show_each_suture_at_its_angle_and_reward(figure):
+    found = dexterity(DEFAULT.setup)
+    plan = plan_even(found)
+    top = figure(draw_reasons, found, plan).axes[0]
+    dots = [np.ravel(line.get_data()) for line in top.get_lines() if line.get_marker() == "o"]
+    np.testing.assert_allclose(dots, np.column_stack([np.degrees(plan.positions_rad), plan.rewards]))
+    colours = [line.get_color() for line in top.get_lines() if line.get_marker() == "o"]
+    assert colours == [style.BLUE if direction == 1 else style.ORANGE for direction in plan.directions]
+    assert f"worst suture {plan.reward:.3f}" in [text.get_text() for text in top.texts]
+
+
 def test_twelve_sutures_without_an_exit_are_drawn_too(tmp_path):
     setup = replace(DEFAULT.setup, insertion=replace(DEFAULT.setup.insertion, straight_m=0.05))
     assert np.isnan(setup.bite_m)

@@ -18,6 +18,7 @@ from trocar.arms import ARMS
 from trocar.cli.group import Result
 from trocar.cli.options import JsonFlag, need
 from trocar.cli.out_folder import check_out_folder
+from trocar.counting import counted
 from trocar.errors import InvalidValue
 from trocar.files.output import PICTURE, write_json
 from trocar.geometry import SE3
@@ -233,7 +234,7 @@ def _plan_table(summary: Mapping[str, Any]) -> Table:
     shown = list(summary["joint_room"][0])[3:]
     parts = [name.rpartition("_") for name in shown]
     left = [f"{joint.replace('_', ' ')} left, {unit}" for joint, _, unit in parts]
-    table = Table(title=f"{len(summary['positions_deg'])} sutures by {summary['arm']}")
+    table = Table(title=f"{counted(len(summary['positions_deg']), 'suture')} by {summary['arm']}")
     for column in ("theta deg", "direction", *left, "reward"):
         justify = "left" if column == "direction" else "right"
         table.add_column(column, justify=justify, no_wrap=column not in left)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import ARMS, ArmModel
+from trocar.counting import counted
 from trocar.errors import BadFile, InvalidInput, InvalidValue
 from trocar.files.reading import read_json
 from trocar.geometry import SE3, TURN, shown
@@ -52,7 +53,7 @@ class SuturePlan:
     def __repr__(self) -> str:
         kept = "within the limits" if self.feasible else "BEYOND the limits"
         count = len(self.positions_rad)
-        return f"<SuturePlan of {count} sutures: reward {self.reward:.4f}, bound {self.bound:.4f}, {kept}>"
+        return f"<SuturePlan of {counted(count, 'suture')}: reward {self.reward:.4f}, bound {self.bound:.4f}, {kept}>"
 
     def _repr_html_(self) -> str:
         columns = zip(self.positions_rad, self.directions, self.rewards, strict=True)

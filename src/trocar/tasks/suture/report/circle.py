@@ -16,6 +16,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, Patch, Wedge
 from numpy.typing import NDArray
 from PIL import Image
 
+from trocar.counting import counted
 from trocar.errors import InvalidInput
 from trocar.geometry import TURN
 from trocar.report import style
@@ -66,7 +67,7 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
     usual = "Dexterity: outer ring clockwise, inner ring counterclockwise"
     if plan is not None:
         reach = "" if plan.feasible else ", out of reach"
-        usual = f"{len(plan.rewards)} sutures, reward of the worst {plan.reward:.3f}{reach}"
+        usual = f"{counted(len(plan.rewards), 'suture')}, reward of the worst {plan.reward:.3f}{reach}"
     figure.suptitle(f"{title or usual}\n", x=0.01, ha="left", fontsize=10, fontweight="bold")
 
 
