@@ -89,7 +89,7 @@ class UnknownName(InvalidInput):
 
     def __init__(self, kind: str, name: str, choices: Iterable[str], *, remedy: str = ""):
         self.name, self.choices = name, tuple(choices)
-        meant = get_close_matches(str(name), self.choices, n=1, cutoff=0.6)
+        meant = get_close_matches(str(name), self.choices, n=1, cutoff=0.65)
         known = f"choose one of {', '.join(self.choices)}" if self.choices else "there are none"
         hint = f"did you mean {meant[0]!r}? " if meant else ""
         super().__init__(f"{kind} {name!r}", "is unknown", f"{hint}{remedy or known}")
