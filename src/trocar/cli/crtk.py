@@ -12,6 +12,9 @@ from trocar.cli.options import Seed, StationName, need
 from trocar.cli.terminal import beside
 from trocar.errors import InvalidInput, InvalidValue
 
+MAX_DOMAIN = 232
+"""The ports of higher ROS domains are out of range."""
+
 
 def serve(
     station: StationName,
@@ -32,24 +35,29 @@ def serve(
     need("sim")
     if seconds is not None and not seconds > 0:
         raise InvalidValue("--seconds", seconds, "give more than 0")
-    topics = {}
+    if domain is not None and not 0 <= domain <= MAX_DOMAIN:
+        raise InvalidValue("--domain", domain, f"give 0 to {MAX_DOMAIN}")
+    from trocar.lab import load_station
+
+    loaded, topics = load_station(station), {}
     for word in namespace or []:
         arm, equals, topic = word.partition("=")
         if not (equals and arm and topic.startswith("/")):
             raise InvalidInput(f"--namespace {word!r}", "is not ARM=/NAME", "give one such as psm1=/PSM1")
+        loaded.arm(arm)  # raises if there is none of this name
         topics[arm] = topic
     from trocar.crtk.arm import CrtkNamespace
     from trocar.crtk.server import CrtkServer
     from trocar.lab.laboratory import build_cell
     from trocar.sim.pace import RealTime
 
-    laboratory = build_cell(station, seed=seed)
+    pace, laboratory = RealTime(speed), build_cell(loaded, seed=seed)
     where = CrtkNamespace(topics, interface, tuple(peer or ()), domain)
     server = CrtkServer(laboratory, where)
     names = ", ".join(where.of(name) for name in server.arms)
     beside().print(f"serving {names} on {interface}; Ctrl-C ends it")
     with contextlib.suppress(KeyboardInterrupt):
-        laboratory.run(server.serve, seconds or float("inf"), RealTime(speed))
+        laboratory.run(server.serve, seconds or float("inf"), pace)
     summary = {
         "station": station,
         "seconds": laboratory.now_s(),

@@ -76,7 +76,7 @@ def _participant(interface: str, peers: tuple[str, ...], domain: int) -> Any:
     except Exception as error:
         problem = f"cannot be used ({error})"
         remedy = "give the address of one, the same everywhere in a process"
-        raise InvalidInput(f"network interface {interface!r}", problem, remedy) from None
+        raise InvalidInput(f"network interface {interface!r} in domain {domain}", problem, remedy) from None
 
 
 class Publisher(Generic[Message]):
