@@ -15,22 +15,23 @@ import pytest
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from trocar.arms import MotionLimits, fk, ik
-from trocar.crtk.arm import CrtkArm, CrtkNamespace, connect
-from trocar.crtk.bus import Bus, stamped
+from trocar.crtk.arm import CrtkArm, connect
+from trocar.crtk.bus import open_bus, stamped
 from trocar.crtk.messages import Empty, JointState, OperatingState, PoseStamped, StringStamped
-from trocar.crtk.server import pose_of, transform_of
+from trocar.crtk.served_arm import pose_of, transform_of
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.hardware import HardwareLaboratory
 from trocar.hardware.arm import LoopSettings
 from trocar.lab import load_station
+from trocar.lab.topics import Topics
 from trocar.testing import check_robot
 
 pytestmark = pytest.mark.realtime
 STATION = load_station("peg-transfer")
 ARM = STATION.arms["psm1"]
 DOMAIN = 40 + os.getpid() % 150
-WHERE = CrtkNamespace({}, domain=DOMAIN)
+TOPICS = Topics(domain=DOMAIN)
 PATIENT = LoopSettings(max_late=10_000, max_stall_s=60.0, watchdog_s=60.0, stale_s=5.0, lag_s=1.0)
 """A machine that runs other tests beside this one may be late."""
 
@@ -59,7 +60,7 @@ def served():
 
 @pytest.fixture(scope="module")
 def bus():
-    return Bus(domain=DOMAIN)
+    return open_bus(TOPICS)
 
 
 class Client:
@@ -104,7 +105,7 @@ def client(bus, served):
 
 def test_an_arm_over_the_network_keeps_the_promises_of_a_robot(served, client):
     slow = MotionLimits(ARM.limits.velocity / 4, ARM.limits.acceleration / 8)
-    with HardwareLaboratory(STATION, partial(connect, where=WHERE), PATIENT) as laboratory:
+    with HardwareLaboratory(STATION, partial(connect, topics=TOPICS), PATIENT) as laboratory:
         assert laboratory.run(lambda cell: check_robot(cell, "psm1", limits=slow), 120.0)
         assert max(laboratory.robot.limit_use("psm1")) <= 1.001
     assert served.stop()["received"]["psm1"] > 100
@@ -165,7 +166,7 @@ def test_a_paused_arm_obeys_nothing_until_it_is_resumed_and_refuses_words_out_of
     client.until(lambda: client.came["operating_state"].last.state == "PAUSED")
     client.out["servo_jp"].send(JointState(stamped(), [], (start + 0.01).tolist()))
     with pytest.raises(InvalidInput, match=re.escape("CRTK arm 'psm1' is PAUSED, homed; enable and home it")):
-        CrtkArm("psm1", WHERE)
+        CrtkArm("psm1", TOPICS)
     assert np.array_equal(client.q(), start)
     client.out["state_command"].send(StringStamped(stamped(), "resume"))
     client.until(lambda: client.came["operating_state"].last.state == "ENABLED")
@@ -182,7 +183,7 @@ def test_an_arm_that_nobody_serves_is_said_with_its_topics(bus):
     with pytest.raises(
         InvalidInput, match=re.escape("publishes no /NOBODY/operating_state and no /NOBODY/measured_js")
     ):
-        CrtkArm("nobody", WHERE)
+        CrtkArm("nobody", TOPICS)
 
 
 PARTNER = Path(__file__).parents[2] / ".ros2" / "bin" / "python"

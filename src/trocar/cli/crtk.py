@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from typing import Annotated
 
 from typer import Option
@@ -10,52 +11,66 @@ from typer import Option
 from trocar.cli.group import Result
 from trocar.cli.options import Seed, StationName, need
 from trocar.cli.terminal import beside
-from trocar.errors import InvalidInput, InvalidValue
+from trocar.errors import InvalidValue
+from trocar.lab.topics import MAX_DOMAIN, Topics
 
-MAX_DOMAIN = 232
-"""The ports of higher ROS domains are out of range."""
+Ros = Annotated[int | None, Option(help="1 or 2.", show_default="the station's, or 2")]
+Interface = Annotated[
+    str | None, Option(help="Address of the network interface.", show_default="the station's, or 127.0.0.1")
+]
+Peer = Annotated[list[str] | None, Option(metavar="HOST", help="Another machine to speak with (ROS 2).")]
+Domain = Annotated[int | None, Option(help="ROS domain (ROS 2).", show_default="the station's, or ROS_DOMAIN_ID, or 0")]
+Master = Annotated[
+    str | None,
+    Option(metavar="URI", help="The master (ROS 1).", show_default="the station's, or http://127.0.0.1:11311"),
+]
+
+
+def network(
+    topics: Topics,
+    ros: int | None,
+    interface: str | None,
+    peer: list[str] | None,
+    domain: int | None,
+    master: str | None,
+) -> Topics:
+    """Return a station's topics on the network that a command line names."""
+    if ros is not None and ros not in (1, 2):
+        raise InvalidValue("--ros", ros, "give 1 or 2")
+    if domain is not None and not 0 <= domain <= MAX_DOMAIN:
+        raise InvalidValue("--domain", domain, f"give 0 to {MAX_DOMAIN}")
+    given = {"ros": ros, "interface": interface, "peers": peer and tuple(peer), "domain": domain, "master": master}
+    return replace(topics, **{name: value for name, value in given.items() if value is not None})
 
 
 def serve(
     station: StationName,
     *,
     seed: Seed = 0,
-    namespace: Annotated[
-        list[str] | None, Option(metavar="ARM=/NAME", help="Namespace of an arm's topics; default /PSM1 for psm1.")
-    ] = None,
-    interface: Annotated[str, Option(help="Address of the network interface; the default reaches this machine.")] = (
-        "127.0.0.1"
-    ),
-    peer: Annotated[list[str] | None, Option(metavar="HOST", help="Another machine to speak with.")] = None,
-    domain: Annotated[int | None, Option(help="ROS domain; default: ROS_DOMAIN_ID, or 0.")] = None,
+    ros: Ros = None,
+    interface: Interface = None,
+    peer: Peer = None,
+    domain: Domain = None,
+    master: Master = None,
     speed: Annotated[float, Option(help="Seconds of the cell a second.")] = 1.0,
     seconds: Annotated[float | None, Option(help="End after this time of the cell; default: with Ctrl-C.")] = None,
 ) -> Result:
-    """Be a robot that speaks CRTK over ROS 2: a simulated cell in real time, its cables' errors included."""
+    """Be a robot that speaks CRTK over ROS 2 or 1: a simulated cell in real time, its cables' errors included."""
     need("sim")
     if seconds is not None and not seconds > 0:
         raise InvalidValue("--seconds", seconds, "give more than 0")
-    if domain is not None and not 0 <= domain <= MAX_DOMAIN:
-        raise InvalidValue("--domain", domain, f"give 0 to {MAX_DOMAIN}")
     from trocar.lab import load_station
 
-    loaded, topics = load_station(station), {}
-    for word in namespace or []:
-        arm, equals, topic = word.partition("=")
-        if not (equals and arm and topic.startswith("/")):
-            raise InvalidInput(f"--namespace {word!r}", "is not ARM=/NAME", "give one such as psm1=/PSM1")
-        loaded.arm(arm)  # raises if there is none of this name
-        topics[arm] = topic
-    from trocar.crtk.arm import CrtkNamespace
+    loaded = load_station(station)
+    topics = network(loaded.crtk, ros, interface, peer, domain, master)
     from trocar.crtk.server import CrtkServer
     from trocar.lab.laboratory import build_cell
     from trocar.sim.pace import RealTime
 
     pace, laboratory = RealTime(speed), build_cell(loaded, seed=seed)
-    where = CrtkNamespace(topics, interface, tuple(peer or ()), domain)
-    server = CrtkServer(laboratory, where)
-    names = ", ".join(where.of(name) for name in server.arms)
-    beside().print(f"serving {names} on {interface}; Ctrl-C ends it")
+    server = CrtkServer(laboratory, topics)
+    names = ", ".join(topics.of_arm(name) for name in server.arms)
+    beside().print(f"serving {names} over ROS {topics.ros} on {topics.interface}; Ctrl-C ends it")
     with contextlib.suppress(KeyboardInterrupt):
         laboratory.run(server.serve, seconds or float("inf"), pace)
     summary = {

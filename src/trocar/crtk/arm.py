@@ -3,40 +3,19 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.crtk.bus import LOOPBACK, Bus, Subscriber, stamped
+from trocar.crtk.bus import Subscriber, open_bus, stamped
 from trocar.crtk.messages import JointState, OperatingState
 from trocar.errors import InvalidInput
 from trocar.hardware.arm import HardwareReading
+from trocar.lab.topics import Topics
 
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 """Names and order of a PSM's joints (sawIntuitiveResearchKit 2.4)."""
 CONNECT_S = 5.0
-
-
-@dataclass(frozen=True)
-class CrtkNamespace:
-    """Where the arms of a station are found.
-
-    Attributes:
-        topics: namespace of each arm's topics; an arm that is not here has its name in capitals: ``/PSM1``.
-        interface: address of the network interface.
-        peers: addresses of the robot's machines.
-        domain: ``ROS_DOMAIN_ID``; None: the environment's.
-    """
-
-    topics: dict[str, str]
-    interface: str = LOOPBACK
-    peers: tuple[str, ...] = ()
-    domain: int | None = None
-
-    def of(self, arm: str) -> str:
-        """Return an arm's namespace."""
-        return self.topics.get(arm, f"/{arm.upper()}").rstrip("/")
 
 
 class CrtkArm:
@@ -44,15 +23,14 @@ class CrtkArm:
 
     Args:
         name: of the arm.
-        where: its namespace.
+        topics: where it is found.
 
     Raises:
         InvalidInput: the arm publishes nothing, or is not enabled and homed.
     """
 
-    def __init__(self, name: str, where: CrtkNamespace):
-        self._name, topic = name, where.of(name)
-        bus = Bus(where.interface, where.peers, where.domain)
+    def __init__(self, name: str, topics: Topics):
+        self._name, topic, bus = name, topics.of_arm(name), open_bus(topics)
         self._bus = bus
         self._state = bus.subscriber(f"{topic}/operating_state", OperatingState, latched=True)
         self._measured = bus.subscriber(f"{topic}/measured_js", JointState)
@@ -70,7 +48,7 @@ class CrtkArm:
             time.sleep(0.01)
         silent = [f"{topic}/{name}" for name, source in needed.items() if source.last is None]
         if silent:
-            problem = f"publishes no {' and no '.join(silent)} within {CONNECT_S:g} s on {where.interface}"
+            problem = f"publishes no {' and no '.join(silent)} within {CONNECT_S:g} s on {topics.interface}"
             raise InvalidInput(f"CRTK arm {name!r}", problem, "check that it runs, its namespace, interface and domain")
         self._require_enabled()
 
@@ -123,6 +101,6 @@ class CrtkArm:
         """Send nothing more; the controller holds its last set-point."""
 
 
-def connect(name: str, where: CrtkNamespace) -> CrtkArm:
-    """Connect an arm; ``functools.partial(connect, where=...)`` is what ``HardwareLaboratory`` takes."""
-    return CrtkArm(name, where)
+def connect(name: str, topics: Topics) -> CrtkArm:
+    """Connect an arm; ``functools.partial(connect, topics=station.crtk)`` is what ``HardwareLaboratory`` takes."""
+    return CrtkArm(name, topics)

@@ -1,93 +1,41 @@
-"""ROS 2 topics over Cyclone DDS, on one named network interface, without multicast."""
+"""Topics of a robot: what is common to ROS 1 and ROS 2."""
 
 from __future__ import annotations
 
-import os
 import time
-from functools import cache
-from typing import Any, Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
-from trocar.errors import InvalidInput, NotInstalled
+from trocar.errors import NotInstalled
+from trocar.lab.topics import Topics
 
 try:
-    from cyclonedds.core import Policy, Qos
-    from cyclonedds.domain import Domain, DomainParticipant
-    from cyclonedds.internal import InvalidSample
-    from cyclonedds.pub import DataWriter
-    from cyclonedds.sub import DataReader
-    from cyclonedds.topic import Topic
-    from cyclonedds.util import duration
+    from trocar.crtk.messages import Header, Time
 except ImportError:
-    raise NotInstalled("CRTK over ROS 2", "cyclonedds", "crtk") from None
+    raise NotInstalled("CRTK", "cyclonedds", "crtk") from None
 
-from trocar.crtk.messages import Header, Time
-
-LOOPBACK = "127.0.0.1"
-KEPT, KEPT_UNREAD = 10, 1000
-"""Messages that a writer keeps for a slow reader (ROS 2's default), and that a reader keeps until they are taken."""
-FAST_DDS = "1.15"
-"""Vendor whose descriptions of types Cyclone cannot read (measured with rclpy of ROS 2 Kilted)."""
-CONFIGURATION = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface address="{interface}"/></Interfaces>
-<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex><Peers>{peers}</Peers>
-</Discovery><Compatibility><IgnoreTypeInformation>{vendor}</IgnoreTypeInformation></Compatibility></Domain></CycloneDDS>"""
-
-DOMAINS: list[Any] = []
-"""Kept, since a domain ends with its object."""
+KEPT_UNREAD = 1000
+"""Messages that a subscriber keeps until they are taken; beyond them the oldest are lost."""
 Message = TypeVar("Message")
 
 
-class Bus:
-    """A participant in the topics of one ROS domain.
-
-    Args:
-        interface: address of the network interface; the loopback interface reaches this machine alone.
-        peers: addresses of other machines to speak with; there is no multicast.
-        domain: ``ROS_DOMAIN_ID``.
-
-    Raises:
-        InvalidInput: the interface cannot be used.
-    """
-
-    def __init__(self, interface: str = LOOPBACK, peers: tuple[str, ...] = (), domain: int | None = None):
-        self._participant = _participant(
-            interface, peers, int(os.environ.get("ROS_DOMAIN_ID", "0")) if domain is None else domain
-        )
+class Bus(Protocol):
+    """A participant in the topics of a robot."""
 
     def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
-        return Publisher(DataWriter(self._participant, self._topic(topic, kind), qos=_quality(latched, KEPT)))
+        ...
 
     def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
         """Return a subscriber of a topic."""
-        return Subscriber(DataReader(self._participant, self._topic(topic, kind), qos=_quality(latched, KEPT_UNREAD)))
-
-    def _topic(self, name: str, kind: type) -> Any:
-        return Topic(self._participant, f"rt/{name.strip('/')}", kind)
-
-
-@cache
-def _participant(interface: str, peers: tuple[str, ...], domain: int) -> Any:
-    """Return this process's participant: a domain can be configured once in a process."""
-    hosts = "".join(f'<Peer address="{host}"/>' for host in (interface, *peers))
-    text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS)
-    try:
-        DOMAINS.append(Domain(domain, text))
-        return DomainParticipant(domain)
-    except Exception as error:
-        problem = f"cannot be used ({error})"
-        remedy = "give the address of one, the same everywhere in a process"
-        raise InvalidInput(f"network interface {interface!r} in domain {domain}", problem, remedy) from None
+        ...
 
 
 class Publisher(Generic[Message]):
     """Sends messages of one topic."""
 
-    def __init__(self, writer: Any):
-        self._writer = writer
-
     def send(self, message: Message) -> None:
         """Send one."""
-        self._writer.write(message)
+        raise NotImplementedError
 
 
 class Subscriber(Generic[Message]):
@@ -95,25 +43,37 @@ class Subscriber(Generic[Message]):
 
     Attributes:
         last: the newest message so far; None before the first.
-        at_s: the machine's monotonic clock when it was taken.
+        at_s: the machine's monotonic clock when it came, or when it was taken if that is not known.
     """
 
-    def __init__(self, reader: Any):
-        self._reader = reader
+    def __init__(self) -> None:
         self.last: Message | None = None
         self.at_s = 0.0
 
     def take(self) -> list[Message]:
         """Return what has come since the last call, oldest first."""
-        come = [sample for sample in self._reader.take(N=KEPT_UNREAD) if not isinstance(sample, InvalidSample)]
+        come = self._come()
         if come:
-            self.last, self.at_s = come[-1], time.monotonic()
-        return come
+            self.at_s, self.last = come[-1]
+        return [message for _, message in come]
+
+    def _come(self) -> list[tuple[float, Message]]:
+        raise NotImplementedError
 
 
-def _quality(latched: bool, kept: int) -> Any:
-    durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
-    return Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(kept), durability)
+def open_bus(topics: Topics) -> Bus:
+    """Return a participant in a station's topics.
+
+    Raises:
+        TrocarError: the interface or the master cannot be used, or ROS 1 is not there.
+    """
+    if topics.ros == 1:
+        from trocar.crtk.ros1 import Ros1Bus
+
+        return Ros1Bus(topics)
+    from trocar.crtk.ros2 import Ros2Bus
+
+    return Ros2Bus(topics)
 
 
 def stamped(frame: str = "") -> Header:

@@ -101,3 +101,9 @@ class Empty(IdlStruct, typename="std_msgs.msg.dds_.Empty_"):
     """Nothing; ROS 2 sends one byte."""
 
     structure_needs_at_least_one_member: uint8 = 0
+
+
+def ros_name(kind: type) -> tuple[str, str]:
+    """Return the package and the name of a message: ``sensor_msgs``, ``JointState``."""
+    package, *_, name = kind.__idl_typename__.split(".")  # type: ignore[attr-defined]
+    return package, name.removesuffix("_")

@@ -15,6 +15,7 @@ from trocar.checks import require_numbers
 from trocar.errors import InvalidInput, UnknownName
 from trocar.geometry import SE3, SO3, shown
 from trocar.lab.flaws import DEFAULT, FLAWS, Difficulty
+from trocar.lab.topics import Topics
 from trocar.lab.transmission import Transmission
 from trocar.notebook import table
 from trocar.perception.checkerboard import Checkerboard
@@ -231,6 +232,7 @@ class Station:
         registration: how the arms' bases are found.
         min_distance_m: distance to keep between the instruments of two arms; 0: not checked.
         difficulty: how far it departs from what is described here.
+        crtk: where its arms and cameras speak CRTK, if they do.
     """
 
     name: str
@@ -241,6 +243,7 @@ class Station:
     registration: Registration | CheckerboardRegistration = field(default_factory=Registration)
     min_distance_m: float = 0.0
     difficulty: Difficulty = field(default_factory=lambda: Difficulty.of(DEFAULT))
+    crtk: Topics = field(default_factory=Topics)
 
     def __post_init__(self) -> None:
         require_numbers(self)

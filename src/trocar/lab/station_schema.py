@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 from typing import Annotated, Any, Literal, TypeVar
@@ -18,6 +18,7 @@ from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import SE3, SO3
 from trocar.lab.station import CheckerboardRegistration, Registration, SensorFlaws, Station, StationArm, StationCamera
+from trocar.lab.topics import MAX_DOMAIN, Dialect, Topics
 from trocar.lab.transmission import TRANSMISSIONS
 from trocar.perception.checkerboard import MAX_CORNERS, MAX_SQUARE_M, MIN_CORNERS, MIN_VIEWS, Checkerboard
 from trocar.perception.image import Intrinsics, StereoRig
@@ -332,6 +333,33 @@ class CheckerboardTable(Table):
 REGISTRATIONS = {"points": PointsTable, "checkerboard": CheckerboardTable}
 
 
+_TOPICS = Topics()
+Name = Annotated[str, Field(pattern=r"^(/[A-Za-z]\w*)+$")]
+"""A ROS namespace."""
+
+
+class CrtkTable(Table):
+    """Where arms and cameras speak CRTK."""
+
+    ros: Literal[1, 2] = 2
+    arms: dict[str, Name] = {}
+    cameras: dict[str, Name] = {}
+    dialect: Literal["dvrk", "crtk-1.0", "raven"] = "dvrk"
+    interface: Text = _TOPICS.interface
+    peers: list[Text] = []
+    domain: Annotated[int, Field(ge=0, le=MAX_DOMAIN)] | None = None
+    master: Text = _TOPICS.master
+
+    def made(self, arms: Collection[str], cameras: Collection[str], where: str) -> Topics:
+        """Return the topics of these arms and cameras."""
+        for kind, named, known in (("arm", self.arms, arms), ("camera", self.cameras, cameras)):
+            for name in named:
+                if name not in known:
+                    raise UnknownName(f"{where}: {kind}", name, known)
+        values = {**self.model_dump(), "dialect": Dialect(self.dialect), "peers": tuple(self.peers)}
+        return Topics(**values)
+
+
 class StationTable(Table):
     """A whole file."""
 
@@ -342,6 +370,7 @@ class StationTable(Table):
     fixtures: dict[str, PoseTable] = {}
     registration: dict[str, Any] = {}
     min_distance_mm: float = Field(0.0, ge=0, le=100)
+    crtk: CrtkTable = CrtkTable()
 
 
 def station_of(values: Mapping[str, Any], where: str) -> Station:
@@ -358,4 +387,5 @@ def station_of(values: Mapping[str, Any], where: str) -> Station:
         T_world_fixture={name: pose.T for name, pose in table.fixtures.items()},
         registration=validated(REGISTRATIONS[kind], table.registration, here).made(),
         min_distance_m=TO_M * table.min_distance_mm,
+        crtk=table.crtk.made(table.arms, table.cameras, f"{where}.crtk"),
     )

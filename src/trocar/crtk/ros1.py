@@ -1,0 +1,132 @@
+"""ROS 1 topics through rospy, where it is installed (Debian: ``python3-rospy``)."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import time
+from collections import deque
+from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Any, TypeVar
+
+from trocar.crtk.bus import KEPT_UNREAD, Publisher, Subscriber
+from trocar.crtk.messages import Time, ros_name
+from trocar.errors import InvalidInput
+from trocar.lab.topics import Topics
+
+try:
+    import rosgraph  # type: ignore[import-not-found]
+    import rospy  # type: ignore[import-not-found]
+    from genpy.dynamic import generate_dynamic  # type: ignore[import-not-found]
+except ImportError:
+    problem = "needs rospy in this Python, and PyPI has none"
+    raise InvalidInput("CRTK over ROS 1", problem, "install a ROS 1, on Debian python3-rospy") from None
+
+HEADER = f"{'=' * 80}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+DEFINITIONS = {
+    "StringStamped": f"std_msgs/Header header\nstring string\n{HEADER}",
+    "OperatingState": f"std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n{HEADER}",
+}
+"""Messages of crtk_msgs 1.3, which is not packaged; their checksums follow from these texts."""
+Message = TypeVar("Message")
+
+
+class Ros1Bus:
+    """A node of its own in the graph of a master.
+
+    Args:
+        topics: interface and master.
+
+    Raises:
+        InvalidInput: nobody answers at the master's address.
+    """
+
+    def __init__(self, topics: Topics):
+        _node(topics.interface, topics.master)
+
+    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
+        """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
+        return _Publisher(rospy.Publisher(topic, _class(kind), queue_size=KEPT_UNREAD, latch=latched, tcp_nodelay=True))
+
+    def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
+        """Return a subscriber of a topic."""
+        del latched  # ROS 1: the publisher's affair
+        return _Subscriber(topic, kind)
+
+
+@cache
+def _node(interface: str, master: str) -> None:
+    """Make this process a node: ROS 1 has one in a process."""
+    os.environ |= {"ROS_MASTER_URI": master, "ROS_HOSTNAME": interface, "ROS_IP": interface}
+    if not rosgraph.is_master_online():
+        raise InvalidInput(f"the ROS 1 master at {master}", "does not answer", "start roscore, or name another")
+    rospy.init_node("trocar", anonymous=True, disable_signals=True, disable_rostime=True, disable_rosout=True)
+
+
+@cache
+def _class(kind: type) -> Any:
+    """Return rospy's class of a message."""
+    package, name = ros_name(kind)
+    if name in DEFINITIONS:
+        return generate_dynamic(f"{package}/{name}", DEFINITIONS[name])[f"{package}/{name}"]
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except ImportError:
+        debian = f"python3-{package.replace('_', '-')}"
+        raise InvalidInput("CRTK over ROS 1", f"needs the messages {package}", f"install {debian} of Debian") from None
+
+
+class _Publisher(Publisher[Message]):
+    def __init__(self, publisher: Any):
+        self._publisher = publisher
+
+    def send(self, message: Message) -> None:
+        self._publisher.publish(_filled(self._publisher.data_class(), message))
+
+
+class _Subscriber(Subscriber[Message]):
+    def __init__(self, topic: str, kind: type[Message]):
+        super().__init__()
+        self._kind = kind
+        self._unread: deque[tuple[float, Any]] = deque(maxlen=KEPT_UNREAD)
+        rospy.Subscriber(topic, _class(kind), self._hear, tcp_nodelay=True)
+
+    def _hear(self, message: Any) -> None:
+        self._unread.append((time.monotonic(), message))
+
+    def _come(self) -> list[tuple[float, Message]]:
+        come = []
+        while self._unread:
+            at_s, message = self._unread.popleft()
+            come.append((at_s, _read(self._kind(), message)))
+        return come
+
+
+def _filled(target: Any, message: Any) -> Any:
+    """Return rospy's message with the values of ours."""
+    if isinstance(message, Time):
+        target.secs, target.nsecs = message.sec, message.nanosec
+        return target
+    for field in fields(message):
+        name, value = _name_in(target, field.name), getattr(message, field.name)
+        if name is not None:
+            setattr(target, name, _filled(getattr(target, name), value) if is_dataclass(value) else value)
+    return target
+
+
+def _read(target: Any, message: Any) -> Any:
+    """Return our message with the values of rospy's."""
+    if isinstance(target, Time):
+        return Time(message.secs, message.nsecs)
+    for field in fields(target):
+        name, value = _name_in(message, field.name), getattr(target, field.name)
+        if name is not None:
+            come = getattr(message, name)
+            setattr(target, field.name, _read(value, come) if is_dataclass(value) else come)
+    return target
+
+
+def _name_in(message: Any, name: str) -> str | None:
+    """Return what ROS 1 calls a field; None if it has none."""
+    return next((one for one in (name, name.upper()) if hasattr(message, one)), None)

@@ -1,0 +1,96 @@
+"""ROS 2 topics over Cyclone DDS, on one named network interface, without multicast and without ROS."""
+
+from __future__ import annotations
+
+import os
+import time
+from functools import cache
+from typing import Any, TypeVar
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.internal import InvalidSample
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from trocar.crtk.bus import KEPT_UNREAD, Publisher, Subscriber
+from trocar.errors import InvalidInput
+from trocar.lab.topics import Topics
+
+KEPT = 10
+"""Messages that a writer keeps for a slow reader (ROS 2's default)."""
+FAST_DDS = "1.15"
+"""Vendor whose descriptions of types Cyclone cannot read (measured with rclpy of ROS 2 Kilted)."""
+CONFIGURATION = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface address="{interface}"/></Interfaces>
+<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex><Peers>{peers}</Peers>
+</Discovery><Compatibility><IgnoreTypeInformation>{vendor}</IgnoreTypeInformation></Compatibility></Domain></CycloneDDS>"""
+
+DOMAINS: list[Any] = []
+"""Kept, since a domain ends with its object."""
+Message = TypeVar("Message")
+
+
+class Ros2Bus:
+    """A participant in the topics of one ROS domain.
+
+    Args:
+        topics: interface, peers and domain.
+
+    Raises:
+        InvalidInput: the interface cannot be used.
+    """
+
+    def __init__(self, topics: Topics):
+        domain = int(os.environ.get("ROS_DOMAIN_ID", "0")) if topics.domain is None else topics.domain
+        self._participant = _participant(topics.interface, topics.peers, domain)
+
+    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
+        """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
+        return _Writer(DataWriter(self._participant, self._topic(topic, kind), qos=_quality(latched, KEPT)))
+
+    def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
+        """Return a subscriber of a topic."""
+        return _Reader(DataReader(self._participant, self._topic(topic, kind), qos=_quality(latched, KEPT_UNREAD)))
+
+    def _topic(self, name: str, kind: type) -> Any:
+        return Topic(self._participant, f"rt/{name.strip('/')}", kind)
+
+
+@cache
+def _participant(interface: str, peers: tuple[str, ...], domain: int) -> Any:
+    """Return this process's participant: a domain can be configured once in a process."""
+    hosts = "".join(f'<Peer address="{host}"/>' for host in (interface, *peers))
+    text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS)
+    try:
+        DOMAINS.append(Domain(domain, text))
+        return DomainParticipant(domain)
+    except Exception as error:
+        problem = f"cannot be used ({error})"
+        remedy = "give the address of one, the same everywhere in a process"
+        raise InvalidInput(f"network interface {interface!r} in domain {domain}", problem, remedy) from None
+
+
+class _Writer(Publisher[Message]):
+    def __init__(self, writer: Any):
+        self._writer = writer
+
+    def send(self, message: Message) -> None:
+        self._writer.write(message)
+
+
+class _Reader(Subscriber[Message]):
+    def __init__(self, reader: Any):
+        super().__init__()
+        self._reader = reader
+
+    def _come(self) -> list[tuple[float, Message]]:
+        now_s = time.monotonic()
+        samples = self._reader.take(N=KEPT_UNREAD)
+        return [(now_s, sample) for sample in samples if not isinstance(sample, InvalidSample)]
+
+
+def _quality(latched: bool, kept: int) -> Any:
+    durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
+    return Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(kept), durability)
