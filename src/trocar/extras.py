@@ -9,6 +9,7 @@ EXTRAS = {
     "parquet": ("pyarrow",),
     "dask": ("distributed",),
     "crtk": ("cyclonedds",),
+    "bags": ("rosbags", "mcap"),
 }
 """The modules that each extra of the package installs."""
 

@@ -148,6 +148,14 @@ class Recording:
                 problem = f"shows nothing about the cable of {JOINT_NAMES[joint]}, {rests}"
                 raise InvalidInput(self.name, problem, "give a recording in which all joints of the wrist move")
 
+    def require_units(self) -> None:
+        """Raise InvalidInput if commands are so large that they must be in degrees or millimetres."""
+        for name, unit, largest in zip(JOINT_NAMES, JOINT_UNITS, np.abs(self.q_cmd).max(axis=0), strict=True):
+            most, looks = LARGEST[unit]
+            if largest > most:
+                problem = f"has commands of {name} up to {largest:.1f}, which looks like {looks}"
+                raise InvalidInput(self.name, problem, f"give {unit}, and the joints in the order q1 to q6")
+
     def why_invalid(self) -> str:
         """Return how many rows do not count and by which rule; empty if all count."""
         finite = np.isfinite(self.q_phy).all(axis=1)
@@ -186,9 +194,9 @@ def load_recording(path: str | Path) -> Recording:
     arrays = {"valid": np.ones(n, dtype=bool), "t_s": np.arange(n)} | arrays
     try:
         recording = Recording(arrays["q_cmd"], arrays["q_phy"], arrays["valid"], arrays["t_s"], path.stem)
+        recording.require_units()
     except InvalidInput as error:
         raise _bad(path, error.problem, error.remedy) from None
-    _require_units(recording, path)
     return recording
 
 
@@ -212,15 +220,6 @@ def _plausible(q_cmd: Array, q_phy: Array) -> NDArray[np.bool_]:
 
 def _bad(path: Path, problem: str, remedy: str) -> BadFile:
     return BadFile(path, problem, remedy, kind="recording")
-
-
-def _require_units(recording: Recording, path: Path) -> None:
-    """Raise BadFile if commands are so large that they must be in degrees or millimetres."""
-    for name, unit, largest in zip(JOINT_NAMES, JOINT_UNITS, np.abs(recording.q_cmd).max(axis=0), strict=True):
-        most, looks = LARGEST[unit]
-        if largest > most:
-            problem = f"has commands of {name} up to {largest:.1f}, which looks like {looks}"
-            raise _bad(path, problem, f"give {unit}, and the joints in the order q1 to q6")
 
 
 def _npz_arrays(path: Path) -> dict[str, NDArray[Any]]:

@@ -58,6 +58,19 @@ CRTK = {
     )
 }
 
+RECORDING = {
+    "show": Known(
+        "Print what a bag holds: topics, kinds and numbers of messages, mean rates, and the arms and cameras in it.",
+        "trocar.cli.recording:show",
+        "trocar recording show psm1.bag",
+    ),
+    "import": Known(
+        "Write an arm's joints in a bag as a recording for cable models, and the cameras' images as files.",
+        "trocar.cli.recording:import_bag",
+        "trocar recording import psm1.mcap --namespace /PSM1 --measured /tracker/measured_js --out psm1.npz",
+    ),
+}
+
 REGISTER = {
     "points": Known(
         "Fit the camera's pose in the robot's base to paired points by least squares.",
@@ -112,7 +125,7 @@ COMMANDS = {
         "trocar view out/ten --trial 3",
     ),
     "export": Known(
-        "Write saved trials as flat tables: trials, goals, spans, events, collisions, and what was sampled at 100 Hz.",
+        "Write saved trials as flat tables (goals, spans, events, collisions, joints, ...), or as MCAP for Foxglove.",
         "trocar.cli.report:export",
         "trocar export out/ten --out out/tables --format parquet",
     ),
@@ -120,6 +133,7 @@ COMMANDS = {
         "Collect recordings of commanded and measured joints, fit cable models to them, and evaluate these.",
         members=CALIBRATE,
     ),
+    "recording": Known("Read bags of ROS 1 and ROS 2 without ROS: joints and images.", members=RECORDING),
     "plan": Known("Plan motions and print their quality.", members=PLAN),
     "register": Known(
         "Find poses: a robot's in a camera, a block's in a capture, a whole cell's from a checkerboard.",

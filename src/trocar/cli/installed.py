@@ -22,6 +22,7 @@ PURPOSE = {
     "parquet": "trials exported as Parquet",
     "dask": "studies on a cluster",
     "crtk": "robots that speak CRTK over ROS 2, as a client and as a server",
+    "bags": "bags of ROS read, trials written as MCAP",
 }
 
 

@@ -18,9 +18,13 @@ from trocar.cli.progress import progress
 from trocar.cli.terminal import beside, details, results
 from trocar.counting import counted
 from trocar.errors import BadFile, InvalidInput
+from trocar.files.output import make_folder
 
 if TYPE_CHECKING:
     from trocar.eval.trial import Trial
+
+MCAP = "mcap"
+"""Format of recordings, beside those of tables."""
 
 
 def report(
@@ -201,19 +205,33 @@ def trial_in(folder: Path, session: int, number: int) -> Path:
 def export(
     run: Annotated[Path, Argument(metavar="DIR", help="Folder of a run, or the file of one trial.")],
     *,
-    out: Annotated[Path, Option(metavar="FOLDER", help="Folder for the tables.")],
-    format: Annotated[str, Option(metavar="csv|parquet", help="Format of the tables; parquet needs pyarrow.")] = "csv",
+    out: Annotated[Path, Option(metavar="FOLDER", help="Folder for what is written.")],
+    format: Annotated[
+        str,
+        Option(
+            metavar="csv|parquet|mcap",
+            help="Tables as CSV or Parquet, or a recording of ROS 2 messages for each trial.",
+        ),
+    ] = "csv",
 ) -> Result:
-    """Write saved trials as flat tables: trials, goals, spans, events, collisions, and what was sampled at 100 Hz.
+    """Write saved trials as flat tables (goals, spans, events, collisions, joints, ...), or as MCAP for Foxglove.
 
-    There is a row for each goal, span and so on of all trials, and in the folder 'samples' a table for each trial:
+    Tables have a row for each goal, span and so on of all trials, and in the folder 'samples' a table for each trial:
     joints as asked, commanded, measured and true, jaws, tips, bodies. 'columns' says what each column means.
-    """
-    from trocar.report.export import export_trials  # SciPy only when needed
 
+    MCAP has a file for each trial: joints, jaws, tips, bodies and their solids, images, spans, events.
+    """
+    from trocar.report.export import FORMATS, export_trials  # SciPy only when needed
+
+    if format not in (*FORMATS, MCAP):
+        raise InvalidInput(f"format {format!r}", "is unknown", f"choose one of {', '.join(FORMATS)}, {MCAP}")
+    if format == MCAP:
+        need("bags")
     trials, strange = _chosen(run)
     for sentence in strange:
         beside().print(sentence, soft_wrap=True)
+    if format == MCAP:
+        return _export_mcap(trials, strange, out)
     with progress() as tick:
         written = export_trials(trials, out, format, lambda done, total: tick("writing tables", done=done, total=total))
     tables, samples, lines = {}, [], []
@@ -226,6 +244,23 @@ def export(
     rows, count = sum(table.rows for table in samples), len(samples[0].columns)
     lines.append(f"{samples[0].path.parent}: {len(samples)} tables, {rows} rows of {count} columns in all")
     return Result({"out": str(out), "trials": len(trials), "left_aside": strange, "tables": tables}, lines)
+
+
+def _export_mcap(trials: Sequence[Trial], strange: Sequence[str], out: Path) -> Result:
+    """Write an MCAP file for each trial."""
+    from trocar.bags.trial import write_mcap
+
+    files: dict[str, dict[str, int]] = {}
+    with progress() as tick:
+        for number, trial in enumerate(trials):
+            tick("writing recordings", done=number, total=len(trials))
+            name = f"session_{trial.about['session']:02d}_trial_{trial.about['index']:03d}.mcap"
+            files[name] = write_mcap(trial, make_folder(out) / name)
+    lines = [
+        f"{out / name}: {counted(sum(counts.values()), 'message')} of {counted(len(counts), 'topic')}"
+        for name, counts in files.items()
+    ]
+    return Result({"out": str(out), "trials": len(trials), "left_aside": list(strange), "files": files}, lines)
 
 
 def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:

@@ -1,0 +1,1 @@
+"""Bags, the recordings of ROS, read and written without ROS (``pip install .[bags]``)."""

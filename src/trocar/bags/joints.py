@@ -1,0 +1,234 @@
+"""Calibration recordings from a bag: where an arm's joints were commanded, and where they were measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.bags.reader import NS_PER_S, Bag, stamp_ns
+from trocar.calibration.recording import NO_MOTION_RAD, Recording
+from trocar.errors import InvalidInput, UnknownName
+
+JOINT_STATE = "sensor_msgs/JointState"
+JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
+"""Names of a PSM's joints, q1 to q6; ``outer_yaw`` (before dVRK 2) and ``psm1_yaw`` are understood as well."""
+COMMANDED = ("setpoint_js", "servo_jp", "move_jp")
+"""Topics of CRTK with commands, the one that says most first: what the controller held, then what it was sent."""
+MEASURED = "measured_js"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Topics of which a recording is made, ``commanded`` and ``measured``."""
+
+    commanded: str
+    measured: str
+
+    @property
+    def encoders(self) -> bool:
+        """Return whether the measurements are those of the arm's own encoders, which do not see its cables."""
+        return self.measured.rpartition("/")[2] == MEASURED and _parent(self.measured) == _parent(self.commanded)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSeries:
+    """The joints of one topic.
+
+    Attributes:
+        stamps_ns: (n,) of their headers, non-decreasing.
+        q: (n, 6), rad and m.
+        unstamped: how many messages had a stamp of 0, which CRTK calls not valid; they are left out.
+        empty: how many had no positions, or one that is not a number; they are left out.
+        late: how many came with an earlier stamp than the message before; they are put in order.
+        unnamed: how many did not name their joints; the six are taken as q1 to q6.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    q: NDArray[np.float64]
+    unstamped: int
+    empty: int
+    late: int
+    unnamed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """A recording from a bag.
+
+    Attributes:
+        recording: times in s after the bag's beginning; a row at each measurement, with the last command before it,
+            and a row without a measurement at each command that came and went between two of them.
+        commanded: of the topic with commands.
+        measured: of the topic with measurements.
+        early: measurements before the first command, left out.
+        between: rows without a measurement.
+        moving: measurements for which the command had not stood still for long enough, not valid.
+    """
+
+    recording: Recording
+    commanded: JointSeries
+    measured: JointSeries
+    early: int
+    between: int
+    moving: int
+
+
+def choose(bag: Bag, namespace: str = "", commanded: str = "", measured: str = "") -> Choice:
+    """Return the topics of an arm: those given, the others by their names in CRTK.
+
+    Args:
+        bag: in which they are.
+        namespace: of the arm, such as ``/PSM1``; empty: that of the only arm in the bag.
+        commanded: topic with commands; empty: the first of :data:`COMMANDED` in the namespace.
+        measured: topic with measurements; empty: ``measured_js`` in the namespace.
+
+    Raises:
+        InvalidInput: there is no such topic, it does not hold joints, or the bag holds no arm or several.
+    """
+    if commanded and measured:
+        choice = Choice(commanded, measured)
+    else:
+        namespace = f"/{namespace.strip('/')}" if namespace.strip("/") else _only_arm(bag, not commanded, not measured)
+        sent = (f"{namespace}/{name}" for name in COMMANDED)
+        found = commanded or next((topic for topic in sent if topic in bag.topics), f"{namespace}/{COMMANDED[0]}")
+        choice = Choice(found, measured or f"{namespace}/{MEASURED}")
+    for name in (choice.commanded, choice.measured):
+        bag.topic(name, JOINT_STATE)
+    if choice.commanded == choice.measured:
+        raise InvalidInput(f"topic {measured!r}", "cannot be commanded and measured at once", "name two topics")
+    return choice
+
+
+def arms_in(bag: Bag, commanded: bool = True, measured: bool = True) -> list[str]:
+    """Return the namespaces in which joints were commanded and measured, or one of both; jaws are no arms."""
+    names = {topic.name for topic in bag.of_kind(JOINT_STATE)}
+    return [
+        arm
+        for arm in sorted({_parent(name) for name in names})
+        if not arm.endswith("/jaw")
+        and (not commanded or any(f"{arm}/{name}" in names for name in COMMANDED))
+        and (not measured or f"{arm}/{MEASURED}" in names)
+    ]
+
+
+def read_recording(bag: Bag, choice: Choice, order: Sequence[str] = (), settled_s: float = 0.0) -> Imported:
+    """Return the recording of two topics.
+
+    The commands in force at a measurement are those of the last message before it (zero-order hold), by the stamps of
+    the headers. Clocks of different machines are not compared.
+
+    Args:
+        bag: in which they are.
+        choice: the topics.
+        order: names of six joints as the messages have them, q1 to q6; empty: as :data:`JOINTS`.
+        settled_s: measurements count for which the command has stood still this long; the others are not valid.
+
+    Raises:
+        InvalidInput: the messages do not name these joints, none is valid, or the topics do not overlap in time.
+        BadFile: the bag is damaged.
+    """
+    if order and (len(order) != 6 or len(set(order)) < 6):
+        raise InvalidInput(f"the order {','.join(order)!r}", "does not name six joints", "give six names, q1 to q6")
+    sent, seen = (_series(bag, name, order) for name in (choice.commanded, choice.measured))
+    early = int(np.searchsorted(seen.stamps_ns, sent.stamps_ns[0]))
+    if early == len(seen.q):
+        problem = (
+            f"{(sent.stamps_ns[0] - seen.stamps_ns[-1]) / NS_PER_S:.3f} s after the last measurement of "
+            f"{choice.measured!r}, by the stamps"
+        )
+        raise InvalidInput(f"the first command of {choice.commanded!r} comes", problem, "record both at the same time")
+    seen_ns = seen.stamps_ns[early:]
+    held = np.searchsorted(sent.stamps_ns, seen_ns, side="right") - 1
+    changes = np.flatnonzero(np.abs(np.diff(sent.q, axis=0, prepend=np.inf)).max(axis=1) > NO_MOTION_RAD)
+    still_ns = seen_ns - sent.stamps_ns[changes[np.searchsorted(changes, held, side="right") - 1]]
+    settled = still_ns >= settled_s * NS_PER_S
+    between = np.setdiff1d(changes[changes < held[-1]], held)
+    stamps_ns = np.concatenate([sent.stamps_ns[between], seen_ns])
+    rows = np.argsort(stamps_ns, kind="stable")
+    recording = Recording(
+        q_cmd=sent.q[np.concatenate([between, held])][rows],
+        q_phy=np.concatenate([np.full((len(between), 6), np.nan), seen.q[early:]])[rows],
+        valid=np.concatenate([np.zeros(len(between), dtype=bool), settled])[rows],
+        t_s=(stamps_ns[rows] - bag.start_ns) / NS_PER_S,
+        name=bag.path.stem,
+    )
+    recording.require_units()
+    return Imported(recording, sent, seen, early, len(between), int(np.sum(~settled)))
+
+
+def _only_arm(bag: Bag, commanded: bool, measured: bool) -> str:
+    arms = arms_in(bag, commanded, measured)
+    item = f"bag {str(bag.path)!r}"
+    if not arms:
+        other = ", ".join(topic.name for topic in bag.of_kind(JOINT_STATE)) or "none"
+        problem = f"holds no arm by the names of CRTK, {MEASURED} and {' or '.join(COMMANDED)}; joints are in: {other}"
+        raise InvalidInput(item, problem, "name two of them with --commanded and --measured")
+    if len(arms) > 1:
+        raise InvalidInput(item, f"holds the arms {', '.join(arms)}", f"choose one, such as --namespace {arms[0]}")
+    return arms[0]
+
+
+def _series(bag: Bag, topic: str, order: Sequence[str]) -> JointSeries:
+    stamps, rows = [], []
+    unstamped = empty = unnamed = 0
+    places: dict[tuple[str, ...], list[int]] = {}
+    for _, message in bag.messages([topic]):
+        names, position = tuple(message.name), np.asarray(message.position, dtype=np.float64)
+        if not stamp_ns(message):
+            unstamped += 1
+            continue
+        if not len(position):
+            empty += 1
+            continue
+        if names not in places:
+            places[names] = _places(topic, names, len(position), order)
+        if len(position) != max(len(names), 6):
+            problem = f"has a message of {len(names)} names and {len(position)} positions"
+            raise InvalidInput(f"topic {topic!r}", problem, "record a topic that has a position for each name")
+        q = position[places[names]]
+        if not np.isfinite(q).all():
+            empty += 1
+            continue
+        unnamed += not names
+        stamps.append(stamp_ns(message))
+        rows.append(q)
+    if not rows:
+        counts = f"{unstamped} with a stamp of 0, which CRTK calls not valid, and {empty} without positions"
+        raise InvalidInput(f"topic {topic!r}", f"holds no valid joints: {counts}", "name another, or record it again")
+    stamps_ns = np.array(stamps, dtype=np.int64)
+    in_order = np.argsort(stamps_ns, kind="stable")
+    late = int(np.sum(np.diff(stamps_ns) < 0))
+    return JointSeries(stamps_ns[in_order], np.array(rows)[in_order], unstamped, empty, late, unnamed)
+
+
+def _places(topic: str, names: tuple[str, ...], count: int, order: Sequence[str]) -> list[int]:
+    """Return where q1 to q6 are among a message's positions."""
+    remedy = "name six of them with --joints, q1 to q6"
+    if not names:
+        if count != 6 or order:
+            problem = f"does not name its {count} joints"
+            raise InvalidInput(f"topic {topic!r}", problem, "only six unnamed joints can be used, as q1 to q6")
+        return list(range(6))
+    if order:
+        for name in order:
+            if name not in names:
+                raise UnknownName(f"joint of topic {topic!r}", name, names)
+        return [names.index(name) for name in order]
+    meant = [_meant(name) for name in names]
+    if any(meant.count(joint) != 1 for joint in JOINTS):
+        problem = f"has the joints {', '.join(names)}, not once each of {', '.join(JOINTS)}"
+        raise InvalidInput(f"topic {topic!r}", problem, remedy)
+    return [meant.index(joint) for joint in JOINTS]
+
+
+def _meant(name: str) -> str:
+    """Return the joint that a name means: itself, or the longest that it ends in after a prefix."""
+    fits = [joint for joint in JOINTS if name.lower() == joint or name.lower().endswith(f"_{joint}")]
+    return max(fits, key=len, default="")
+
+
+def _parent(topic: str) -> str:
+    return topic.rpartition("/")[0]
