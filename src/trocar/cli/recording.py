@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from typer import Argument, Option
 
+from trocar.calibration.recording import MISDETECTION_RAD
 from trocar.cli.group import Result
 from trocar.cli.options import need
 from trocar.cli.out_folder import check_out_folder, require_file
@@ -162,7 +164,8 @@ def _recording_lines(out: Path, choice: Choice, found: Imported) -> list[str]:
     lasts_s = found.recording.t_s[-1] - found.recording.t_s[0]
     lines = [
         f"{out}: {rows} rows over {lasts_s:.1f} s, commanded by {choice.commanded}, measured by {choice.measured}",
-        f"each measurement is beside the last command before it; {counted(found.between, 'row')} of commands without one",
+        "beside each measurement is the last command before it"
+        + (f"; {counted(found.between, 'row')} of commands in between have none" if found.between else ""),
     ]
     for name, one in ((choice.commanded, found.commanded), (choice.measured, found.measured)):
         notes = {
@@ -176,8 +179,10 @@ def _recording_lines(out: Path, choice: Choice, found: Imported) -> list[str]:
         lines.append(f"{counted(found.early, 'measurement')} before the first command, left out")
     if found.moving:
         lines.append(f"{counted(found.moving, 'measurement')} during or too soon after a motion, marked as not valid")
-    if why := found.recording.why_invalid():
-        lines.append(f"rows that do not count: {why}")
+    far = int(np.sum(~found.recording.valid)) - found.between - found.moving
+    if far:
+        words = f"with a wrist angle {MISDETECTION_RAD:g} rad or more from its command, marked as not valid"
+        lines.append(f"{counted(far, 'measurement')} {words}")
     if choice.encoders:
         lines.append(
             "warning: the measurements are those of the arm's encoders, which do not see its cables: a cable model "
