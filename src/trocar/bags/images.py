@@ -154,13 +154,14 @@ def _pixels(topic: str, message: Any, kind: str, channels: int) -> NDArray[Any]:
 
 
 def _lens(bag: Bag, topic: str) -> Intrinsics | None:
-    """Return the lens from the camera info nearest to a topic: beside it, or beside a topic that it is made from."""
-    parent = topic
-    while parent := parent.rpartition("/")[0]:
-        info = bag.topics.get(f"{parent}/camera_info")
-        if info is not None and info.kind == INFO:
-            for _, message in bag.messages([info.name]):
-                return _intrinsics(message)
+    """Return the lens from the camera info beside a topic, or beside the one of which it is the compression."""
+    beside = topic.rpartition("/")[0]
+    places = [beside, beside.rpartition("/")[0]] if bag.topics[topic].kind == COMPRESSED else [beside]
+    known = {info.name for info in bag.of_kind(INFO)}
+    for name in (f"{place}/camera_info" for place in places):
+        if name in known:
+            _, message = next(bag.messages([name]))
+            return _intrinsics(message)
     return None
 
 

@@ -92,8 +92,8 @@ def choose(bag: Bag, namespace: str = "", commanded: str = "", measured: str = "
         choice = Choice(commanded, measured)
     else:
         namespace = f"/{namespace.strip('/')}" if namespace.strip("/") else _only_arm(bag, not commanded, not measured)
-        sent = (f"{namespace}/{name}" for name in COMMANDED)
-        found = commanded or next((topic for topic in sent if topic in bag.topics), f"{namespace}/{COMMANDED[0]}")
+        known, sent = {topic.name for topic in bag.of_kind(JOINT_STATE)}, [f"{namespace}/{name}" for name in COMMANDED]
+        found = commanded or next((topic for topic in sent if topic in known), sent[0])
         choice = Choice(found, measured or f"{namespace}/{MEASURED}")
     for name in (choice.commanded, choice.measured):
         bag.topic(name, JOINT_STATE)

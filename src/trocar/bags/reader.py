@@ -40,7 +40,7 @@ class Bag:
     Attributes:
         path: of its file or folder.
         ros: 1 or 2.
-        topics: by name.
+        topics: by name, in order.
         start_ns: when its first message was recorded, since 1970.
         duration_s: from there to the last one.
     """
@@ -56,19 +56,22 @@ class Bag:
         """Return a topic of one of these kinds.
 
         Raises:
-            InvalidInput: the bag has no such topic, or it is of another kind.
+            InvalidInput: the bag has no such topic, nothing was recorded of it, or it is of another kind.
         """
         if name not in self.topics:
             raise UnknownName(f"topic of {str(self.path)!r}", name, self.topics)
         topic = self.topics[name]
+        if not topic.messages:
+            remedy = "check that somebody publishes it, and record again"
+            raise InvalidInput(f"topic {name!r} of {str(self.path)!r}", "has no message", remedy)
         if topic.kind not in kinds:
             problem = f"holds {topic.kind or 'messages of several kinds'}"
             raise InvalidInput(f"topic {name!r} of {str(self.path)!r}", problem, f"name one of {' or '.join(kinds)}")
         return topic
 
     def of_kind(self, *kinds: str) -> list[Topic]:
-        """Return the topics of these kinds, in the order of their names."""
-        return [topic for _, topic in sorted(self.topics.items()) if topic.kind in kinds]
+        """Return the topics of these kinds of which something was recorded, in the order of their names."""
+        return [topic for topic in self.topics.values() if topic.kind in kinds and topic.messages]
 
     def messages(self, topics: Sequence[str]) -> Iterator[tuple[str, Any]]:
         """Yield topic and message in the order in which they were recorded; fields are named as in ROS 2.
