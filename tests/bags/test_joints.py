@@ -40,7 +40,7 @@ def test_each_measurement_has_the_last_command_before_it(tmp_path, form):
 
 
 def test_commands_between_two_measurements_stay_as_rows_without_one(tmp_path):
-    """A cable remembers them. Commands that repeat the one before, and those after the last measurement, say nothing."""
+    """A cable remembers them. Those that repeat the one before, or come after the last measurement, say nothing."""
     values = [0.1, 0.3, 0.2, 0.2, 0.4, 0.5, 0.6]
     sent = [joints(0.1 * k, q(value)) for k, value in enumerate(values)]
     seen = [joints(0.05, q(0.11)), joints(0.45, q(0.41))]
@@ -64,7 +64,13 @@ def test_measurements_before_the_first_command_are_left_out_and_counted(tmp_path
 
 
 def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path):
-    sent = [joints(0.0, q(0.1)), joints(None, q(9.0)), joints(0.2, [], names=[]), joints(0.3, q(np.nan)), joints(0.4, q(0.2))]
+    sent = [
+        joints(0.0, q(0.1)),
+        joints(None, q(9.0)),
+        joints(0.2, [], names=[]),
+        joints(0.3, q(np.nan)),
+        joints(0.4, q(0.2)),
+    ]
     seen = [joints(0.1 * k, q(0.1)) for k in range(5)] + [joints(None, q(0.0))]
     found = imported(tmp_path, sent, seen)
     assert (found.commanded.unstamped, found.commanded.empty) == (1, 2)
@@ -131,7 +137,7 @@ def test_joints_that_are_not_a_psms_are_one_sentence(tmp_path, names, count, ord
 
 def test_values_in_other_units_and_topics_without_valid_joints_are_refused(tmp_path):
     still = [joints(0.1 * k, q(0.0)) for k in range(2)]
-    with pytest.raises(InvalidInput, match="commands of q1 up to 57.0, which looks like degrees"):
+    with pytest.raises(InvalidInput, match=r"commands of q1 up to 57.0, which looks like degrees"):
         imported(tmp_path, [joints(0.1 * k, q(57.0)) for k in range(2)], still)
     with pytest.raises(InvalidInput, match="holds no valid joints: 2 with a stamp of 0"):
         imported(tmp_path, [joints(None, q(0.0))] * 2, still, form="mcap")
@@ -177,7 +183,7 @@ def test_topics_of_which_nothing_was_recorded_do_not_count(tmp_path):
     topics = {name: TWO[name] for name in ("/PSM1/servo_jp", "/PSM1/measured_js", "/PSM2/servo_jp")}
     with open_bag(write_bag(tmp_path, "sqlite", topics, silent=["/PSM1/setpoint_js", "/PSM2/measured_js"])) as bag:
         assert arms_in(bag) == ["/PSM1"] and choose(bag).commanded == "/PSM1/servo_jp"
-        with pytest.raises(InvalidInput, match="'/PSM2/measured_js' .* has no message"):
+        with pytest.raises(InvalidInput, match=r"'/PSM2/measured_js' .* has no message"):
             choose(bag, "/PSM2")
 
 

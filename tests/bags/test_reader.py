@@ -81,7 +81,10 @@ def test_what_is_no_bag_is_one_sentence(tmp_path):
 def test_a_folder_that_lost_its_metadata_names_the_file_in_it(tmp_path):
     path = write_bag(tmp_path, "mcap", TOPICS)
     (path / "metadata.yaml").unlink()
-    with pytest.raises(BadFile, match=r"without metadata.yaml; give a file in it, such as bag_mcap.mcap"), open_bag(path):
+    with (
+        pytest.raises(BadFile, match=r"without metadata.yaml; give a file in it, such as bag_mcap.mcap"),
+        open_bag(path),
+    ):
         pass
 
 

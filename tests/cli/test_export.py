@@ -65,13 +65,24 @@ def test_tables_of_ones_own_are_written_again_and_those_of_others_are_not(trocar
         assert next(csv.reader(file)) == ["my", "own"]
 
 
+def test_a_trial_becomes_a_recording_of_messages(trocar, run, tmp_path):
+    code, out, err = trocar("export", run, "--out", tmp_path / "mcap", "--format", "mcap", "--json")
+    assert code == 0 and "1 of the run's 3 trials exist" in err
+    said = json.loads(out)
+    assert said["trials"] == 1 and len(said["left_aside"]) == 3
+    assert said["files"]["session_00_trial_000.mcap"]["/PSM1/measured_js"] == 20
+    assert [path.name for path in (tmp_path / "mcap").iterdir()] == ["session_00_trial_000.mcap"]
+    code, out, _ = trocar("recording", "show", tmp_path / "mcap" / "session_00_trial_000.mcap")
+    assert code == 0 and "arms with commands and measurements: /PSM1, /PSM2" in out
+
+
 @pytest.mark.parametrize(
     ("what", "words", "said"),
     [
         ("nowhere", (), "folder .* does not exist"),
         ("nowhere.npz", (), "does not exist; give another"),
         ("run/run.json", (), "is not a trial; give the folder of a run, or a file such as trial_000.npz"),
-        ("run", ("--format", "xlsx"), "format 'xlsx' is unknown; choose one of csv, parquet"),
+        ("run", ("--format", "xlsx"), "format 'xlsx' is unknown; choose one of csv, parquet, mcap"),
     ],
 )
 def test_what_cannot_be_exported_is_one_sentence(trocar, run, tmp_path, what, words, said):

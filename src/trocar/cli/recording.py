@@ -113,10 +113,10 @@ def import_bag(
     from trocar.bags.reader import open_bag
 
     if out is None and images is None:
-        problem = "has nothing to write"
-        raise InvalidInput(
-            "the import", problem, "give --out, --images or both; trocar recording show lists the topics"
-        )
+        remedy = "give --out, --images or both; trocar recording show lists the topics"
+        raise InvalidInput("the import", "has nothing to write", remedy)
+    if not 0 <= settled < inf:
+        raise InvalidValue("--settled", settled, "give seconds, 0 or more")
     if out is not None:
         require_file("--out", out, "recording", (".npz",), [bag])
     check_out_folder(images, {})
@@ -172,7 +172,7 @@ def _recording_lines(out: Path, choice: Choice, found: Imported) -> list[str]:
             "with a stamp of 0 (not valid), left out": one.unstamped,
             "without finite positions, left out": one.empty,
             "with an earlier stamp than the one before, put in order": one.late,
-            "that name no joints, taken as q1 to q6": one.unnamed,
+            "without names of joints, taken as q1 to q6": one.unnamed,
         }
         lines += [f"{name}: {counted(count, 'message')} {words}" for words, count in notes.items() if count]
     if found.early:
