@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +15,7 @@ from trocar.cli.options import need
 from trocar.cli.out_folder import check_out_folder, require_file
 from trocar.cli.progress import waiting
 from trocar.counting import counted
-from trocar.errors import InvalidInput
+from trocar.errors import InvalidInput, InvalidValue
 
 if TYPE_CHECKING:
     from trocar.bags.images import CameraFiles
