@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import zipfile
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -18,6 +19,7 @@ from hypothesis import strategies as st
 import trocar.tasks.suture.demonstrations
 from fuzzing.values import ARRAYS, literals
 from trocar.arms import PSM_CLASSIC
+from trocar.bags.trial import write_mcap
 from trocar.calibration.fleet import load_prior
 from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.plant import PSM1_GREY
@@ -61,6 +63,8 @@ def make_good(folder: Path, trial: Trial) -> None:
     shutil.copytree(str(files(trocar.tasks.suture.demonstrations) / "synthetic_set"), folder / "demonstrations")
     (folder / "run" / "session_00").mkdir(parents=True)
     trial.save(trial_file(folder / "run", 0, 0))
+    short = {name: rows[:50] if len(rows) == len(trial.times_s) else rows for name, rows in trial.arrays.items()}
+    write_mcap(replace(trial, arrays=short), folder / "trial.mcap")
     about = {**trial.about, "sessions": 1, "trials": 1}
     write_json(folder / "run" / "run.json", about, "run")
     (folder / "folder").mkdir()

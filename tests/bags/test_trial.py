@@ -18,6 +18,7 @@ from trocar.bags.joints import Choice, choose, read_recording
 from trocar.bags.reader import open_bag
 from trocar.bags.trial import START_NS, write_mcap
 from trocar.errors import InvalidInput
+from trocar.geometry import SE3
 from trocar.lab import load_station
 from trocar.log import Span
 
@@ -33,9 +34,12 @@ def webp(width, height):
 
 @pytest.fixture(scope="module")
 def trial():
-    """Two seconds with an image of the whole view of the camera, and one of a part of it."""
+    """Two seconds with an image of the whole view of the camera, and one of a part of it; bases registered 1 mm off."""
     whole = synthetic_trial(config(), failures={1: "DROPPED"})
     lens = load_station("peg-transfer").cameras["overhead"].model_registered
+    moved = SE3.from_parts(translation_m=[1e-3, 0.0, 0.0])
+    bases = {name: T @ moved for name, T in whole.scenery.T_world_base.items()}
+    cameras = {"overhead": [(0.5, "a.webp"), (1.5, "b.webp")]}
     blobs = {"a.webp": webp(lens.width, lens.height), "b.webp": webp(32, 16)}
     return replace(
         whole,
@@ -44,7 +48,7 @@ def trial():
         events=[{"name": "transfer", "time_s": 1.5, "outcome": "DROPPED", "goal": 1}, {"name": "look", "time_s": 0.25}],
         scores=whole.scores[:2],
         images=blobs,
-        scenery=replace(whole.scenery, cameras={"overhead": [(0.5, "a.webp"), (1.5, "b.webp")]}),
+        scenery=replace(whole.scenery, cameras=cameras, T_world_base=bases),
     )
 
 

@@ -56,6 +56,15 @@ def test_malformed_arrays_are_one_sentence(arrays, change, tmp_path):
     assert "\n" not in str(error.value)
 
 
+def test_a_bag_says_how_it_becomes_a_recording(tmp_path):
+    (tmp_path / "psm1.bag").write_bytes(b"#ROSBAG V2.0")
+    (tmp_path / "psm1").mkdir()
+    (tmp_path / "psm1" / "metadata.yaml").write_text("rosbag2_bagfile_information:")
+    for name in ("psm1.bag", "psm1"):
+        with pytest.raises(TrocarError, match="is a bag of ROS; make a recording of it with trocar recording import"):
+            load_recording(tmp_path / name)
+
+
 def test_malformed_files_are_one_sentence(tmp_path, arrays):
     np.savez(tmp_path / "good.npz", **arrays)
     (tmp_path / "truncated.npz").write_bytes((tmp_path / "good.npz").read_bytes()[:700])

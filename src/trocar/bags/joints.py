@@ -219,7 +219,8 @@ def _places(topic: str, names: tuple[str, ...], count: int, order: Sequence[str]
         return [names.index(name) for name in order]
     meant = [_meant(name) for name in names]
     if any(meant.count(joint) != 1 for joint in JOINTS):
-        problem = f"has the joints {', '.join(names)}, not once each of {', '.join(JOINTS)}"
+        listed = ", ".join(repr(name)[1:-1] for name in names)  # from a damaged bag, of any characters
+        problem = f"has the joints {listed}, not once each of {', '.join(JOINTS)}"
         raise InvalidInput(f"topic {topic!r}", problem, remedy)
     return [meant.index(joint) for joint in JOINTS]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import IO, Any
 
+from trocar.bags.reader import NS_PER_S
 from trocar.errors import NotInstalled
 
 try:
@@ -13,7 +14,6 @@ except ImportError:
     raise NotInstalled("an MCAP file", "mcap and rosbags", "bags") from None
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
-NS_PER_S = 1_000_000_000
 
 
 def kind(package: str, name: str) -> Any:

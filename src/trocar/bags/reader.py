@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from trocar.calibration.recording import BAG_METADATA, BAGS
 from trocar.errors import BadFile, InvalidInput, NotInstalled, UnknownName
 
 try:
@@ -16,8 +17,6 @@ try:
 except ImportError:
     raise NotInstalled("a bag", "rosbags", "bags") from None
 
-SUFFIXES = (".bag", ".db3", ".mcap")
-METADATA = "metadata.yaml"
 REMEDY = "give a .bag, an .mcap, or the folder of a ROS 2 bag, closed properly (rosbag reindex, ros2 bag reindex)"
 NS_PER_S = 1_000_000_000
 Found = TypeVar("Found")
@@ -96,12 +95,12 @@ def open_bag(path: str | Path) -> Iterator[Bag]:
     path = Path(path)
     if not path.exists():
         raise _bad(path, "does not exist")
-    if path.is_dir() and not (path / METADATA).is_file():
-        inside = sorted(file.name for file in path.iterdir() if file.suffix in SUFFIXES)
+    if path.is_dir() and not (path / BAG_METADATA).is_file():
+        inside = sorted(file.name for file in path.iterdir() if file.suffix in BAGS)
         remedy = f"give a file in it, such as {inside[0]}" if inside else REMEDY
-        raise _bad(path, f"is a folder without {METADATA}", remedy)
-    if path.is_file() and path.suffix not in SUFFIXES:
-        raise _bad(path, f"does not end in {', '.join(SUFFIXES)}")
+        raise _bad(path, f"is a folder without {BAG_METADATA}", remedy)
+    if path.is_file() and path.suffix not in BAGS:
+        raise _bad(path, f"does not end in {', '.join(BAGS)}")
     # bags of before ROS 2 Iron do not say what their messages consist of; those read here are the same in all versions
     store = get_typestore(Stores.ROS2_HUMBLE)
     reader = _read(path, lambda: AnyReader([path], default_typestore=store))

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from trocar.arms import fk
-from trocar.bags.mcap_file import NS_PER_S, McapFile, kind, stamp, stamped
+from trocar.bags.mcap_file import McapFile, kind, stamp, stamped
+from trocar.bags.reader import NS_PER_S
 from trocar.bags.scene import markers
 from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial

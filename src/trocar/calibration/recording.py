@@ -26,6 +26,9 @@ JOINT_UNITS = ("rad", "rad", "m", "rad", "rad", "rad")
 FOLDER_FILES = (("q_cmd.npy", "q_phy.npy"), ("q_des.npy", "q_act.npy"))
 """Pairs of files (commanded, measured) that a folder may contain."""
 
+BAGS, BAG_METADATA = (".bag", ".db3", ".mcap"), "metadata.yaml"
+"""Files of ROS's recordings, and what makes a folder one."""
+
 COMMANDED, MEASURED = (
     tuple(f"{name}_{kind}_{unit}" for name, unit in zip(JOINT_NAMES, JOINT_UNITS, strict=True))
     for kind in ("commanded", "measured")
@@ -180,6 +183,8 @@ def load_recording(path: str | Path) -> Recording:
         BadFile: the file is missing, empty, truncated, not of this form, or in other units than rad and m.
     """
     path = Path(path)
+    if path.suffix in BAGS or (path / BAG_METADATA).is_file():
+        raise _bad(path, "is a bag of ROS", "make a recording of it with trocar recording import")
     if path.is_dir():
         arrays = _folder_arrays(path)
     elif not path.exists():
