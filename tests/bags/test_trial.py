@@ -26,9 +26,12 @@ ROWS = 200
 AT = START_NS
 
 
-def webp(width, height):
+DEPTH_MM = np.arange(12, dtype=np.uint16).reshape(3, 4) * 300
+
+
+def packed(pixels, kind):
     file = BytesIO()
-    Image.fromarray(np.full((height, width, 3), 90, np.uint8)).save(file, "webp")
+    Image.fromarray(pixels).save(file, kind)
     return file.getvalue()
 
 
@@ -40,7 +43,13 @@ def trial():
     moved = SE3.from_parts(translation_m=[1e-3, 0.0, 0.0])
     bases = {name: T @ moved for name, T in whole.scenery.T_world_base.items()}
     cameras = {"overhead": [(0.5, "a.webp"), (1.5, "b.webp")]}
-    blobs = {"a.webp": webp(lens.width, lens.height), "b.webp": webp(32, 16)}
+    depth = np.zeros((lens.height // 4, lens.width // 4), np.uint16)
+    blobs = {
+        "a.webp": packed(np.zeros((lens.height, lens.width, 3), np.uint8), "webp"),
+        "a_depth.png": packed(depth, "png"),
+        "b.webp": packed(np.zeros((12, 16, 3), np.uint8), "webp"),
+        "b_depth.png": packed(DEPTH_MM, "png"),
+    }
     return replace(
         whole,
         arrays={name: rows[:ROWS] if len(rows) > 4 else rows for name, rows in whole.arrays.items()},
@@ -148,6 +157,16 @@ def test_images_stay_as_they_are_and_only_whole_ones_have_the_lens(trial, found)
     assert tuple(info.d) == lens.distortion and info.distortion_model == "plumb_bob"
 
 
+def test_depth_is_in_millimetres_and_its_lens_that_of_every_fourth_pixel(found):
+    whole, part = (message for _, message in found["/overhead/depth/image"])
+    assert (part.encoding, part.height, part.width, part.step) == ("16UC1", 3, 4, 8)
+    assert_array_equal(np.frombuffer(bytes(part.data), "<u2").reshape(3, 4), DEPTH_MM)
+    ((at_ns, info),) = found["/overhead/depth/camera_info"]
+    assert at_ns == AT + 500_000_000 and (info.width, info.height) == (whole.width, whole.height)
+    lens = load_station("peg-transfer").cameras["overhead"].model_registered
+    assert_allclose(np.reshape(info.k, (3, 3)), np.diag([0.25, 0.25, 1.0]) @ lens.matrix)
+
+
 def test_a_station_that_has_changed_gives_no_lens(trial, tmp_path):
     for about in ({"station": "nowhere.toml"}, {"station_digest": "0"}):
         counts = write_mcap(replace(trial, about={**trial.about, **about}), tmp_path / "other.mcap")
@@ -160,11 +179,12 @@ def test_our_import_reads_it_back_exactly(trial, file, tmp_path):
         choice = choose(bag, "PSM2", measured="/PSM2/true_js")
         assert choice == Choice("/PSM2/setpoint_js", "/PSM2/true_js")
         recording = read_recording(bag, choice).recording
-        (camera,) = write_images(bag, tmp_path, [])
+        depth, camera = write_images(bag, tmp_path, [])
     assert_array_equal(recording.q_cmd, trial.arrays["commanded_psm2"][:, :6].astype(np.float64))
     assert_array_equal(recording.q_phy, trial.arrays["true_psm2"][:, :6].astype(np.float64))
     assert recording.valid.all()
     assert_allclose(recording.t_s, trial.times_s[:ROWS], atol=1e-9)
+    assert_array_equal(np.asarray(Image.open(depth.list.parent / "000001.png")), DEPTH_MM)
     assert (camera.list.parent / "000001.webp").read_bytes() == trial.images["b.webp"]
     assert camera.lens == load_station("peg-transfer").cameras["overhead"].model_registered
 

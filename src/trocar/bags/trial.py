@@ -34,7 +34,8 @@ KINDS = {"desired": "desired", "commanded": "setpoint", "measured": "measured", 
 WORLD = "world"
 INFO, WARN, ERROR = 20, 30, 40
 
-JointState, Image8 = kind("sensor_msgs", "JointState"), kind("sensor_msgs", "CompressedImage")
+JointState, CompressedImage = kind("sensor_msgs", "JointState"), kind("sensor_msgs", "CompressedImage")
+RawImage = kind("sensor_msgs", "Image")
 CameraInfo, Region = kind("sensor_msgs", "CameraInfo"), kind("sensor_msgs", "RegionOfInterest")
 PoseStamped, Pose = kind("geometry_msgs", "PoseStamped"), kind("geometry_msgs", "Pose")
 Point, Quaternion = kind("geometry_msgs", "Point"), kind("geometry_msgs", "Quaternion")
@@ -52,7 +53,8 @@ def write_mcap(trial: Trial, path: str | Path) -> dict[str, int]:
     For an arm psm1, ``/PSM1/measured_js`` has the joints at 100 Hz, ``/PSM1/jaw/measured_js`` the jaws,
     ``/PSM1/measured_cp`` the tip in the world, likewise ``setpoint_`` (commanded), ``desired_`` and ``true_``;
     ``/PSM1/span`` what its script was doing. ``/tf`` and ``/tf_static`` have the bodies, ``/scene`` their solids,
-    ``/CAMERA/image/compressed`` the images, ``/log`` events, the referee's scores and collisions.
+    ``/CAMERA/image/compressed`` and ``/CAMERA/depth/image`` the images, ``/log`` events, the referee's scores and
+    collisions.
 
     Raises:
         BadFile: something else is already there.
@@ -128,16 +130,38 @@ def _spans(trial: Trial) -> Iterator[Message]:
 
 def _images(trial: Trial) -> Iterator[Message]:
     """Yield the images as they were saved, and the lens of those that are a whole image of a camera of the station."""
-    cameras = _cameras(trial)
-    for image in sorted(trial.replay().images, key=lambda image: image.time_s):
-        at_ns, topic = _at_ns(image.time_s), Topics().of_camera(image.camera)
-        with Image.open(BytesIO(image.encoded)) as picture:
-            encoding, size_px = str(picture.format).lower(), picture.size
-        data = np.frombuffer(image.encoded, dtype=np.uint8)
-        yield at_ns, f"{topic}/image/compressed", Image8(stamped(at_ns, image.camera), encoding, data)
-        lens = cameras[image.camera].model_registered if image.camera in cameras else None
-        if isinstance(lens, Intrinsics) and (lens.width, lens.height) == size_px:
-            yield at_ns, f"{topic}/camera_info", _camera_info(at_ns, image.camera, lens)
+    known, blobs = _cameras(trial), trial.images
+    taken = [(at_s, name, blob) for name, images in trial.scenery.cameras.items() for at_s, blob in images]
+    for time_s, name, blob in sorted(one for one in taken if one[2] in blobs):
+        at_ns, topic = _at_ns(time_s), Topics().of_camera(name)
+        picture, encoding = _opened(blobs[blob])
+        data = np.frombuffer(blobs[blob], dtype=np.uint8)
+        yield at_ns, f"{topic}/image/compressed", CompressedImage(stamped(at_ns, name), encoding, data)
+        lens = known[name].model_registered if name in known else None
+        whole = lens if isinstance(lens, Intrinsics) and (lens.height, lens.width) == picture.shape[:2] else None
+        if whole:
+            yield at_ns, f"{topic}/camera_info", _camera_info(at_ns, name, whole)
+        packed = blobs.get(blob.replace(".webp", "_depth.png"))
+        if packed:
+            depth_mm = _opened(packed)[0].astype("<u2")
+            rows, columns = depth_mm.shape
+            pixels = depth_mm.view(np.uint8).ravel()
+            header = stamped(at_ns, name)
+            yield at_ns, f"{topic}/depth/image", RawImage(header, rows, columns, "16UC1", 0, 2 * columns, pixels)
+            if whole:
+                yield at_ns, f"{topic}/depth/camera_info", _camera_info(at_ns, name, _thinned(whole, columns, rows))
+
+
+def _opened(file: bytes) -> tuple[NDArray[Any], str]:
+    """Return the pixels of a picture, and what its format is called."""
+    with Image.open(BytesIO(file)) as picture:
+        return np.asarray(picture), str(picture.format).lower()
+
+
+def _thinned(lens: Intrinsics, width: int, height: int) -> Intrinsics:
+    """Return the lens of an image that has every n-th pixel of each row and column, the first one included."""
+    n = -(-lens.width // width)
+    return Intrinsics(width, height, lens.fx / n, lens.fy / n, lens.cx / n, lens.cy / n, lens.distortion)
 
 
 def _log(trial: Trial) -> Iterator[Message]:
