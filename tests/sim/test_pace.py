@@ -39,6 +39,19 @@ def test_it_sleeps_until_the_wall_has_caught_up_and_not_where_that_is_ahead(wall
     assert wall.slept[2:] == pytest.approx([0.25 / factor]), "and catches up"
 
 
+def test_a_cell_that_was_stopped_for_long_goes_on_without_a_hurry(wall):
+    real = RealTime(max_late_s=0.1)
+    trio.run(real.wait, 0.0)
+    wall.now_s += 5.0
+    trio.run(real.wait, 0.01)
+    trio.run(real.wait, 0.02)
+    assert wall.slept == pytest.approx([0.01])
+    wall.now_s += 0.1
+    trio.run(real.wait, 0.03)
+    trio.run(real.wait, 0.13)
+    assert wall.slept[1:] == pytest.approx([0.01]), "it catches up with a little"
+
+
 def order_of_twenty():
     order = []
 

@@ -63,12 +63,12 @@ def serve(
 
     loaded = load_station(station)
     topics = network(loaded.crtk, ros, interface, peer, domain, master)
-    from trocar.crtk.server import CrtkServer
+    from trocar.crtk.server import MAX_LATE_S, CrtkServer
     from trocar.lab.laboratory import build_cell
     from trocar.sim.pace import RealTime
 
-    pace, laboratory = RealTime(speed), build_cell(loaded, seed=seed)
-    server = CrtkServer(laboratory, topics)
+    pace, laboratory = RealTime(speed, MAX_LATE_S), build_cell(loaded, seed=seed)
+    server = CrtkServer(laboratory, topics, speed)
     names = ", ".join(topics.of_arm(name) for name in server.arms)
     beside().print(f"serving {names} over ROS {topics.ros} on {topics.interface}; Ctrl-C ends it")
     with contextlib.suppress(KeyboardInterrupt):
@@ -77,6 +77,7 @@ def serve(
         "station": station,
         "seconds": laboratory.now_s(),
         "received": {name: arm.received for name, arm in server.arms.items()},
+        "limit_use": {name: laboratory.driver.limit_use(name) for name in server.arms},
         "events": laboratory.log.events,
     }
     told = ", ".join(f"{count} set-points for {name}" for name, count in summary["received"].items())

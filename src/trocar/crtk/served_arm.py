@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,18 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, fk, ik
 from trocar.crtk.arm import JOINTS
 from trocar.crtk.bus import Bus, Subscriber, stamped
-from trocar.crtk.messages import Empty, JointState, OperatingState, Point, Pose, PoseStamped, Quaternion, StringStamped
+from trocar.crtk.messages import (
+    Empty,
+    JointState,
+    OperatingState,
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    StringStamped,
+    Time,
+)
+from trocar.crtk.servo import SetPoints, step_towards
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.motion import move_to
@@ -22,6 +34,8 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.trajectory import Trajectory
 
 STEP_TOLERANCE = 1e-6
+SAME = 1e-12
+"""rad, m, and per second: an arm that is this near to the last set-point has reached it."""
 
 
 class ServedArm:
@@ -35,7 +49,8 @@ class ServedArm:
         self._name, self._model, self._laboratory = name, model, laboratory
         self._driver: Driver = laboratory.driver
         self._limits, self._T_world_base = laboratory.session.station.arms[name].limits, T_world_base
-        self.received = 0
+        self.received, self._streamed = 0, SetPoints()
+        self._goal: NDArray[np.float64] | None = None
         self._state, self._busy, self._told = "ENABLED", 0, None
         kinds = {"measured_js": JointState, "setpoint_js": JointState}
         kinds |= {"jaw/measured_js": JointState, "jaw/setpoint_js": JointState}
@@ -69,22 +84,24 @@ class ServedArm:
             self._told = state
             self._out_state.send(OperatingState(stamped(), *state))
 
-    def hear(self, nursery: trio.Nursery) -> None:
-        """Do what has been asked for since the last tick."""
+    def hear(self, nursery: trio.Nursery, now_s: float) -> None:
+        """Do what has been asked for since the last tick; ``now_s`` is the time of this machine."""
         for message in self._in["state_command"].take():
             self._command(message.string)
         if self._in["hold"].take():
-            self._driver.hold(self._name)
+            self._hold()
         come = {what: self._in[what].take() for what in self._in if what.split("_")[-1] in ("jp", "cp")}
         self.received += len(come["servo_jp"])
         if self._state != "ENABLED":
             return
         for what, messages in come.items():
-            if messages:
+            streamed = what.startswith("servo")
+            for message in messages if streamed else messages[-1:]:
                 try:
-                    self._do(what, messages[-1], nursery)
+                    self._do(what, message, nursery)
                 except TrocarError as error:
                     self._laboratory.log.event("refused", arm=self._name, topic=what, reason=str(error))
+        self._follow(now_s)
 
     def _do(self, what: str, message: Any, nursery: trio.Nursery) -> None:
         if what.startswith("jaw/"):
@@ -96,20 +113,35 @@ class ServedArm:
         else:
             goal = self._model.configurations(message.position)
         if what.startswith("servo"):
-            self._servo(now.q, goal)
+            self._stream(now.q, goal, message.header.stamp)
         else:
+            self._streamed.clear()
             nursery.start_soon(self._move, move_to(now.q, now.velocity, goal, self._limits))
 
-    def _servo(self, q: NDArray[np.float64], goal: NDArray[np.float64]) -> None:
-        """Go straight to a set-point within the next tick."""
+    def _stream(self, now: NDArray[np.float64], goal: NDArray[np.float64], stamp: Time) -> None:
+        """Take a set-point of a stream, which is played back soon."""
         goal = np.clip(goal, self._model.lower, self._model.upper)
-        step, bound = goal - q, self._limits.velocity * TICK_S
-        share = float(np.abs(step / bound).max())
+        stamp_s = stamp.sec + 1e-9 * stamp.nanosec if stamp.sec else None
+        speed = self._streamed.add(goal, now, time.time(), stamp_s)
+        share = float((speed / self._limits.velocity).max())
         if share > 1.0 + STEP_TOLERANCE:
             self._laboratory.log.event("servo", arm=self._name, share=round(share, 4))
-            step = np.clip(step, -bound, bound)
-        line = np.stack([step / TICK_S, q])[:, None]
-        self._driver.start({self._name: Trajectory(np.array([0.0, TICK_S]), line)})
+
+    def _follow(self, now_s: float) -> None:
+        """Move on with the stream, within the arm's limits."""
+        before, goal = self._goal, self._streamed.at(now_s)
+        self._goal = goal
+        if goal is None:
+            return
+        now = self._driver.setpoint(self._name)
+        if np.abs(goal - now.q).max() > SAME or np.abs(now.velocity).max() > SAME:
+            goal_velocity = (goal - (goal if before is None else before)) / TICK_S
+            motion = step_towards(goal, goal_velocity, now.q, now.velocity, self._limits)
+            self._driver.start({self._name: motion})
+
+    def _hold(self) -> None:
+        self._streamed.clear()
+        self._driver.hold(self._name)
 
     async def _move(self, motion: Trajectory) -> None:
         self._busy += 1
@@ -137,7 +169,7 @@ class ServedArm:
             return
         self._state = after
         if after != "ENABLED":
-            self._driver.hold(self._name)
+            self._hold()
 
 
 def pose_of(T: SE3) -> Pose:
