@@ -33,7 +33,7 @@ find_package(geometry_msgs REQUIRED)
 rosidl_generate_interfaces(crtk_msgs FILES DEPENDENCIES std_msgs geometry_msgs)
 ament_package()
 """
-PACKAGE = """<package format="3"><name>crtk_msgs</name><version>1.3.0</version><description>CRTK's messages</description>
+PACKAGE = """<package format="3"><name>crtk_msgs</name><version>1.3.0</version><description>of CRTK</description>
 <maintainer email="nobody@example.org">nobody</maintainer><license>MIT</license>
 <member_of_group>rosidl_interface_packages</member_of_group></package>
 """

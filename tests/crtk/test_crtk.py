@@ -17,8 +17,8 @@ pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 from trocar.arms import MotionLimits, fk, ik
 from trocar.crtk.arm import CrtkArm, connect
 from trocar.crtk.bus import open_bus, stamped
+from trocar.crtk.convert import pose_of, transform_of
 from trocar.crtk.messages import Empty, JointState, OperatingState, PoseStamped, StringStamped
-from trocar.crtk.served_arm import pose_of, transform_of
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.hardware import HardwareLaboratory

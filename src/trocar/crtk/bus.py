@@ -37,6 +37,10 @@ class Publisher(Generic[Message]):
         """Send one."""
         raise NotImplementedError
 
+    def wanted(self) -> bool:
+        """Return whether anybody subscribes the topic."""
+        raise NotImplementedError
+
 
 class Subscriber(Generic[Message]):
     """Receives messages of one topic.

@@ -84,6 +84,9 @@ class _Publisher(Publisher[Message]):
     def send(self, message: Message) -> None:
         self._publisher.publish(_filled(self._publisher.data_class(), message))
 
+    def wanted(self) -> bool:
+        return self._publisher.get_num_connections() > 0
+
 
 class _Subscriber(Subscriber[Message]):
     def __init__(self, topic: str, kind: type[Message]):
@@ -111,8 +114,15 @@ def _filled(target: Any, message: Any) -> Any:
     for field in fields(message):
         name, value = _name_in(target, field.name), getattr(message, field.name)
         if name is not None:
-            setattr(target, name, _filled(getattr(target, name), value) if is_dataclass(value) else value)
+            setattr(target, name, _rospy(getattr(target, name), value))
     return target
+
+
+def _rospy(target: Any, value: Any) -> Any:
+    """Return one value of ours as rospy has it."""
+    if isinstance(value, list) and value and is_dataclass(value[0]):
+        return [_filled(_class(type(one))(), one) for one in value]
+    return _filled(target, value) if is_dataclass(value) else value
 
 
 def _read(target: Any, message: Any) -> Any:

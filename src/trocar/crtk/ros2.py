@@ -79,6 +79,9 @@ class _Writer(Publisher[Message]):
     def send(self, message: Message) -> None:
         self._writer.write(message)
 
+    def wanted(self) -> bool:
+        return bool(self._writer.get_matched_subscriptions())
+
 
 class _Reader(Subscriber[Message]):
     def __init__(self, reader: Any):

@@ -37,7 +37,7 @@ class CrtkServer:
         self._now_s, self._speed = time.time(), speed
         bus, session = open_bus(topics), laboratory.session
         self.arms = {
-            name: ServedArm(name, model, laboratory, bus, topics.of_arm(name), session.T_world_base[name])
+            name: ServedArm(name, model, laboratory, bus, topics.of_arm(name), session.T_world_base_registered[name])
             for name, model in laboratory.cell.arms.items()
         }
 
