@@ -80,7 +80,7 @@ def open_bus(topics: Topics) -> Bus:
     return Ros2Bus(topics)
 
 
-def stamped(frame: str = "") -> Header:
-    """Return a header of now."""
-    now_ns = time.time_ns()
+def stamped(frame: str = "", now_s: float | None = None) -> Header:
+    """Return a header of this time, or of now."""
+    now_ns = time.time_ns() if now_s is None else round(1e9 * now_s)
     return Header(Time(now_ns // 1_000_000_000, now_ns % 1_000_000_000), frame)

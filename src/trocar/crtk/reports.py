@@ -70,10 +70,11 @@ class ArmReport:
         """Publish which share of its limits the arm's own motions use."""
         self._latched["trajectory_j/ratio"].send(Float64(ratio))
 
-    def tick(self, name: str, driver: Driver, goal: NDArray[np.float64]) -> None:
+    def tick(self, now_s: float, name: str, driver: Driver, goal: NDArray[np.float64]) -> None:
         """Publish where the arm is, with one stamp.
 
         Args:
+            now_s: the machine's time of this tick.
             name: of the arm.
             driver: which moves it.
             goal: (joints,) where its motion ends.
@@ -81,7 +82,7 @@ class ArmReport:
         setpoint, reading = driver.setpoint(name), driver.read(name)
         joints: list[str] = list(JOINTS)
         velocity = self._velocity(reading)
-        now, base, tip = stamped("world"), self._tip + "_base", self._tip
+        now, base, tip = stamped("world", now_s), self._tip + "_base", self._tip
         local = Header(now.stamp, base)
         here = fk(self._model, reading.q)
         R = self._T_world_base.rotation
@@ -126,6 +127,6 @@ def body_jacobian(model: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def spatial_jacobian(model: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the Jacobian (6, 6) to the velocity, linear then angular, of what moves with the tip but is at the base."""
+    """Return the Jacobian (6, 6) to the velocity, linear then angular, at the base of what moves with the tip."""
     linear, angular = jacobian(model, q).reshape(2, 3, 6)
     return np.concatenate([linear - np.cross(angular, fk(model, q).translation_m, axis=0), angular])

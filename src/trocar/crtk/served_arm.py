@@ -91,10 +91,10 @@ class ServedArm:
         """Return how many set-points have been streamed to the arm."""
         return sum(self.counts[what] for what in STREAMS)
 
-    def tell(self) -> None:
-        """Publish where the arm is."""
+    def tell(self, now_s: float) -> None:
+        """Publish where the arm is; ``now_s`` is the machine's time of this tick."""
         goal = self._driver.setpoint(self._name).q if self._asked is None else self._asked
-        self._report.tick(self._name, self._driver, goal)
+        self._report.tick(now_s, self._name, self._driver, goal)
         if (self._state, self._homed, self._busy > 0) != self._told:
             self._tell_state()
 
@@ -103,7 +103,7 @@ class ServedArm:
         self._report.state(*self._told)
 
     def hear(self, nursery: trio.Nursery, now_s: float) -> None:
-        """Do what has been asked for since the last tick; ``now_s`` is the time of this machine."""
+        """Do what has been asked for since the last tick; ``now_s`` is the machine's time of this one."""
         come = {what: messages for what, source in self._in.items() if (messages := source.take())}
         for what, messages in come.items():
             if what in EFFORTS and not self.counts[what]:  # once: it may be a stream

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import time
 
 import trio
@@ -34,6 +35,7 @@ class CrtkServer:
     """
 
     def __init__(self, laboratory: SimLaboratory, topics: Topics, speed: float = 1.0):
+        importlib.import_module("scipy.interpolate")  # .3 s, which the tick of the first motion does not have
         self._now_s, self._speed = time.time(), speed
         bus, session = open_bus(topics), laboratory.session
         self.arms = {
@@ -50,5 +52,5 @@ class CrtkServer:
                 self._now_s += off_s if abs(off_s) > SLIP_S else STEADY * off_s
                 for arm in self.arms.values():
                     arm.hear(nursery, self._now_s)
-                    arm.tell()
+                    arm.tell(self._now_s)
                 await cell.clock.sleep(TICK_S)
