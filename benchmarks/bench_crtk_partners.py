@@ -29,15 +29,24 @@ ROOT = Path(__file__).parents[1]
 CLIENT, DVRK = ROOT / ".partners/crtk_python_client", ROOT / ".partners/dvrk_python"
 DOMAIN, MASTER = int(os.environ.get("ROS_DOMAIN_ID", "42")), os.environ.get("ROS_MASTER_URI", "http://127.0.0.1:11342")
 SCRIPTS = [
-    (CLIENT / "scripts/crtk_rate_example.py", []),
-    (CLIENT / "scripts/crtk_servo_jp_example.py", ["PSM1"]),
-    (CLIENT / "scripts/crtk_servo_cp_example.py", ["PSM1"]),
-    (CLIENT / "scripts/crtk_move_cp_example.py", ["PSM1"]),
-    (DVRK / "scripts/dvrk_move_wait_test.py", ["-a", "PSM1"]),
-    (DVRK / "scripts/dvrk_arm_test.py", ["-a", "PSM1"]),
-    (DVRK / "scripts/dvrk_psm_test.py", ["-a", "PSM1"]),
-    (DVRK / "scripts/dvrk_latency_test.py", []),
+    (CLIENT / "scripts/crtk_rate_example.py", [], {}),
+    (CLIENT / "scripts/crtk_servo_jp_example.py", ["PSM1"], {"servo_jp": 2000}),
+    (CLIENT / "scripts/crtk_servo_cp_example.py", ["PSM1"], {"servo_cp": 2000}),
+    (CLIENT / "scripts/crtk_move_cp_example.py", ["PSM1"], {"move_cp": 3}),
+    (DVRK / "scripts/dvrk_move_wait_test.py", ["-a", "PSM1"], {"move_jp": 6}),
+    (
+        DVRK / "scripts/dvrk_arm_test.py",
+        ["-a", "PSM1"],
+        {"servo_jp": 500, "servo_cp": 500, "move_jp": 8, "move_cp": 6},
+    ),
+    (
+        DVRK / "scripts/dvrk_psm_test.py",
+        ["-a", "PSM1"],
+        {"move_jp": 11, "move_cp": 6, "jaw/servo_jp": 2000, "jaw/move_jp": 21},
+    ),
+    (DVRK / "scripts/dvrk_latency_test.py", [], {}),
 ]
+"""Each script, its words, and how often it sends what."""
 COMMANDS = {
     **dict.fromkeys(("servo_jp", "move_jp", "jaw/servo_jp", "jaw/move_jp"), JointState),
     **dict.fromkeys(("servo_cp", "move_cp"), PoseStamped),
@@ -83,7 +92,7 @@ def stream_deviation(listener: Listener, command: str, report: str) -> dict[str,
     best = {"timed": np.inf}
     for delay_s in DELAYS_S:
         at_s = told_s - delay_s
-        inside = (at_s > times[0] + 0.05) & (at_s < times[-1] + SETTLE_S / 2)
+        inside = (at_s > times[0] + 0.05) & (at_s < times[-1])
         for gap in gaps:
             inside &= (at_s < times[gap]) | (at_s > times[gap + 1] + 0.05)
         model = np.stack([np.interp(at_s[inside], times, column) for column in wanted.T], axis=1)
@@ -132,7 +141,7 @@ def process(words: list[str], environment: dict[str, str], **options: Any) -> It
         running.wait()
 
 
-def run_script(ros: int, script: Path, words: list[str]) -> dict[str, Any]:
+def run_script(ros: int, script: Path, words: list[str], sends: dict[str, int]) -> dict[str, Any]:
     topics = Topics(ros=ros, domain=DOMAIN, master=MASTER)
     listener = Listener(topics)
     serve = [sys.executable, "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "1", "--json"]
@@ -162,7 +171,7 @@ def run_script(ros: int, script: Path, words: list[str]) -> dict[str, Any]:
                 listener.take()
                 time.sleep(0.005)
             said.seek(0)
-            last = said.read().strip().splitlines()[-1:]
+            told = said.read().splitlines()
             status = client.returncode
         took_s, end_s = time.monotonic() - start_s, time.monotonic() + SETTLE_S
         while time.monotonic() < end_s:
@@ -173,13 +182,13 @@ def run_script(ros: int, script: Path, words: list[str]) -> dict[str, Any]:
     received = summary["commands"]["psm1"]
     row: dict[str, Any] = {"ros": ros, "script": script.name, "exit": status, "s": round(took_s, 1)}
     if status:
-        row["why"] = last[0] if last else ""
+        row["why"] = [line for line in told if "Error" in line or "  ! " in line][-2:]
     for what in COMMANDS:
         if count := len(listener.heard[what]):
             report = {"p": "setpoint_js", "c": "setpoint_cp"}["c" if what.endswith("_cp") else "p"]
             report = f"jaw/{report}" if what.startswith("jaw/") else report
             off = (stream_deviation if "servo" in what else move_deviation)(listener, what, report)
-            row[what] = {"sent": count, "received": received.get(what, 0), "off": off}
+            row[what] = {"sends": sends.get(what, 0), "heard": count, "received": received.get(what, 0), "off": off}
     row["refused"] = [event for event in summary["events"] if event["name"] == "refused"]
     row["limit_use"] = max(summary["limit_use"]["psm1"])
     return row
@@ -188,9 +197,9 @@ def run_script(ros: int, script: Path, words: list[str]) -> dict[str, Any]:
 def main() -> None:
     if len(sys.argv) > 1:
         only = sys.argv[2:]
-        for script, words in SCRIPTS:
+        for script, words, sends in SCRIPTS:
             if not only or script.name in only:
-                print(json.dumps(run_script(int(sys.argv[1]), script, words)), flush=True)
+                print(json.dumps(run_script(int(sys.argv[1]), script, words, sends)), flush=True)
         return
     missing = [place.name for place in (CLIENT, DVRK) if not place.exists()]
     if missing:

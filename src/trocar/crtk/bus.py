@@ -21,8 +21,17 @@ Message = TypeVar("Message")
 class Bus(Protocol):
     """A participant in the topics of a robot."""
 
-    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
-        """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
+    def publisher(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+    ) -> Publisher[Message]:
+        """Return a publisher of a topic such as ``/PSM1/servo_jp``.
+
+        Args:
+            topic: its name.
+            kind: of its messages.
+            latched: late readers get the last message.
+            kept_s: but not if it is older than this (ROS 1: never).
+        """
         ...
 
     def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
@@ -37,8 +46,8 @@ class Publisher(Generic[Message]):
         """Send one."""
         raise NotImplementedError
 
-    def wanted(self) -> bool:
-        """Return whether anybody subscribes the topic."""
+    def readers(self) -> int:
+        """Return how many subscribe the topic."""
         raise NotImplementedError
 
 

@@ -34,7 +34,9 @@ KINDS: dict[str, type] = {
     **dict.fromkeys(("body/jacobian", "spatial/jacobian"), Float64MultiArray),
 }
 """Topics that are published each tick, if anybody subscribes them."""
-LATCHED: dict[str, type] = {"operating_state": OperatingState, "trajectory_j/ratio": Float64}
+STATE_KEPT_S = 0.1
+"""A late reader of the state does not get an old one, but one that is published for it: clients act on it at once, and
+must have heard of the joints by then."""
 
 
 class ArmReport:
@@ -57,18 +59,23 @@ class ArmReport:
         self._out: dict[str, Publisher[Any]] = {
             what: bus.publisher(f"{topic}/{what}", kind) for what, kind in KINDS.items()
         }
-        self._latched: dict[str, Publisher[Any]] = {
-            what: bus.publisher(f"{topic}/{what}", kind, latched=True) for what, kind in LATCHED.items()
-        }
+        self._state = bus.publisher(f"{topic}/operating_state", OperatingState, latched=True, kept_s=STATE_KEPT_S)
+        self._ratio = bus.publisher(f"{topic}/trajectory_j/ratio", Float64, latched=True)
+        self._readers = 0
         self._last: JointReading | None = None
 
     def state(self, state: str, homed: bool, busy: bool) -> None:
         """Publish the operating state."""
-        self._latched["operating_state"].send(OperatingState(stamped(), state, homed, busy))
+        self._state.send(OperatingState(stamped(), state, homed, busy))
+
+    def has_new_readers(self) -> bool:
+        """Return whether somebody has begun to read the operating state since the last call."""
+        before, self._readers = self._readers, self._state.readers()
+        return self._readers > before
 
     def ratio(self, ratio: float) -> None:
         """Publish which share of its limits the arm's own motions use."""
-        self._latched["trajectory_j/ratio"].send(Float64(ratio))
+        self._ratio.send(Float64(ratio))
 
     def tick(self, now_s: float, name: str, driver: Driver, goal: NDArray[np.float64]) -> None:
         """Publish where the arm is, with one stamp.
@@ -109,7 +116,7 @@ class ArmReport:
 
     def _say(self, what: str, message: Callable[[], Any]) -> None:
         publisher = self._out[what]
-        if publisher.wanted():
+        if publisher.readers():
             publisher.send(message())
 
     def _velocity(self, reading: JointReading) -> NDArray[np.float64]:

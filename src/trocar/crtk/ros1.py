@@ -45,8 +45,11 @@ class Ros1Bus:
     def __init__(self, topics: Topics):
         _node(topics.interface, topics.master)
 
-    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
-        """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
+    def publisher(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+    ) -> Publisher[Message]:
+        """Return a publisher of a topic such as ``/PSM1/servo_jp``; see ``Bus``."""
+        latched = latched and kept_s is None
         return _Publisher(rospy.Publisher(topic, _class(kind), queue_size=KEPT_UNREAD, latch=latched, tcp_nodelay=True))
 
     def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
@@ -84,8 +87,8 @@ class _Publisher(Publisher[Message]):
     def send(self, message: Message) -> None:
         self._publisher.publish(_filled(self._publisher.data_class(), message))
 
-    def wanted(self) -> bool:
-        return self._publisher.get_num_connections() > 0
+    def readers(self) -> int:
+        return self._publisher.get_num_connections()
 
 
 class _Subscriber(Subscriber[Message]):

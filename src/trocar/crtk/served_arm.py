@@ -11,7 +11,7 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, MotionLimits, ik
+from trocar.arms import ArmModel, MotionLimits, ik, limit_violations
 from trocar.crtk.bus import Bus, Subscriber
 from trocar.crtk.convert import transform_of
 from trocar.crtk.messages import (
@@ -47,6 +47,9 @@ EFFORTS: dict[str, type] = {
     "free": Empty,
 }
 """What needs an arm that is driven by efforts, so not this one."""
+ANSWER_S = 0.25
+"""The state is told so much later to whoever begins to read it, or commands what changes nothing: rclpy believes .1 s
+before it hears a topic that it does (measured)."""
 STEP_TOLERANCE = 1e-6
 SAME = 1e-12
 """rad, m, and per second: an arm that is this near to the last set-point has reached it."""
@@ -77,6 +80,7 @@ class ServedArm:
         self._asked: NDArray[np.float64] | None = None
         self._state, self._homed, self._busy = "ENABLED", True, 0
         self._told: tuple[str, bool, bool] | None = None
+        self._answer_s: float | None = None
         self._report = ArmReport(model, bus, topic, T_world_base)
         self._report.ratio(self._ratio)
         kinds = MOTIONS | EFFORTS | {"hold": Empty, "state_command": StringStamped}
@@ -104,6 +108,11 @@ class ServedArm:
 
     def hear(self, nursery: trio.Nursery, now_s: float) -> None:
         """Do what has been asked for since the last tick; ``now_s`` is the machine's time of this one."""
+        if self._answer_s is not None and now_s >= self._answer_s:
+            self._answer_s = None
+            self._tell_state()
+        if self._report.has_new_readers():
+            self._answer_s = now_s + ANSWER_S
         come = {what: messages for what, source in self._in.items() if (messages := source.take())}
         for what, messages in come.items():
             if what in EFFORTS and not self.counts[what]:  # once: it may be a stream
@@ -111,6 +120,7 @@ class ServedArm:
             self.counts[what] += len(messages)
         for message in come.get("state_command", ()):
             self._command(message.string)
+            self._answer_s = now_s + ANSWER_S
         if "hold" in come:
             self._hold()
         for message in come.get("trajectory_j/set_ratio", ()):
@@ -150,6 +160,8 @@ class ServedArm:
             self._streamed.clear()
             scaled = MotionLimits(self._ratio * self._limits.velocity, self._ratio * self._limits.acceleration)
             limits = scaled if np.all(np.abs(now.velocity) < scaled.velocity) else self._limits
+            if wrong := limit_violations(self._model, goal):
+                raise InvalidInput("the goal", f"is out of range: {'; '.join(wrong)}", "give one inside")
             motion = move_to(now.q, now.velocity, goal, limits)
             self._asked = goal
             self._busy_until(lambda: self._move(motion), nursery)
@@ -195,7 +207,7 @@ class ServedArm:
 
     async def _move(self, motion: Trajectory) -> None:
         try:
-            await self._laboratory.cell.robot.replace({self._name: motion})
+            await self._driver.replace({self._name: motion})
         except TrocarError as error:
             self._asked = None
             self._refuse("move", str(error))
@@ -209,7 +221,7 @@ class ServedArm:
             self._refuse("trajectory_j/set_ratio", str(InvalidValue("the ratio", ratio, "give more than 0, at most 1")))
 
     def _command(self, word: str) -> None:
-        """Change the operating state as CRTK's state machine does, and tell it whether it has changed or not."""
+        """Change the operating state as CRTK's state machine does."""
         changes: Mapping[str, Mapping[str, str]] = {
             "enable": dict.fromkeys(("DISABLED", "FAULT", "ENABLED"), "ENABLED"),
             "disable": dict.fromkeys(("ENABLED", "PAUSED", "FAULT", "DISABLED"), "DISABLED"),
@@ -225,4 +237,3 @@ class ServedArm:
             self._state, self._homed = after, word == "home" or (self._homed and word != "unhome")
             if after != "ENABLED":
                 self._hold()
-        self._tell_state()
