@@ -117,7 +117,9 @@ def move_deviation(listener: Listener, command: str, report: str) -> float:
     """Return the greatest difference from the goal at the ends of moves."""
     times, goals = listener.rows(command)
     told_s, told = listener.rows(report)
-    others_s = np.sort(np.concatenate([listener.rows(what)[0] for what in ("servo_jp", "servo_cp", "move_jp", "move_cp")]))
+    others_s = np.sort(
+        np.concatenate([listener.rows(what)[0] for what in ("servo_jp", "servo_cp", "move_jp", "move_cp")])
+    )
     busy = [(stamp_s, message.is_busy) for stamp_s, message in listener.heard["operating_state"]]
     worst = 0.0
     for at_s, goal in zip(times, goals, strict=True):
@@ -162,7 +164,9 @@ def run_script(ros: int, script: Path, words: list[str], sends: dict[str, int]) 
         start_s = time.monotonic()
         with (
             tempfile.TemporaryFile("w+") as said,
-            process([str(python), str(script), *words], public, stdin=subprocess.PIPE, stdout=said, stderr=said) as client,
+            process(
+                [str(python), str(script), *words], public, stdin=subprocess.PIPE, stdout=said, stderr=said
+            ) as client,
         ):
             assert client.stdin
             client.stdin.write("\n" * 20)
@@ -210,7 +214,14 @@ def main() -> None:
         if not (ROOT / f".ros{ros}/bin/python").exists():
             print(f"ROS {ros}: there is no .ros{ros}; tools/ros{ros}.sh makes it")
             continue
-        master = [str(python), "-c", "import rosmaster; rosmaster.rosmaster_main()", "--core", "-p", MASTER.split(":")[-1]]
+        master = [
+            str(python),
+            "-c",
+            "import rosmaster; rosmaster.rosmaster_main()",
+            "--core",
+            "-p",
+            MASTER.split(":")[-1],
+        ]
         idle = [sys.executable, "-c", "import time; time.sleep(1e9)"]
         with process(master if ros == 1 else idle, dict(os.environ), stdout=subprocess.DEVNULL):
             subprocess.run([python, __file__, str(ros)], check=True)
