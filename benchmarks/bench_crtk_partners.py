@@ -116,28 +116,30 @@ def stream_deviation(listener: Listener, command: str, report: str) -> dict[str,
     times, wanted = listener.rows(command)
     told_s, told = listener.rows(report)
     gaps = np.flatnonzero(np.diff(times) > 0.1)  # between two streams it does something else
-    best = {"timed": np.inf}
+    best = {"median": np.inf}
     for delay_s in DELAYS_S:
         at_s = told_s - delay_s
         inside = (at_s > times[0] + START_S) & (at_s < times[-1])
         for gap in gaps:
             inside &= (at_s < times[gap]) | (at_s > times[gap + 1] + START_S)
         model = np.stack([np.interp(at_s[inside], times, column) for column in wanted.T], axis=1)
-        off = float(np.abs(told[inside] - model).max())
-        if off < best["timed"]:
-            best = {"path": path_deviation(told[inside], wanted), "timed": off, "delay_s": round(float(delay_s), 4)}
+        off = np.abs(told[inside] - model).max(axis=1)
+        if np.median(off) < best["median"]:
+            found = path_deviation(told[inside], wanted)
+            best = {"path": float(found.max()), "path_median": float(np.median(found))}
+            best |= {"timed": float(off.max()), "median": float(np.median(off)), "delay_s": round(float(delay_s), 4)}
     return best
 
 
-def path_deviation(told: np.ndarray, wanted: np.ndarray) -> float:
-    """Return the greatest distance of points (n, joints) from a line through others (m, joints)."""
+def path_deviation(told: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the distances (n,) of points (n, joints) from a line through others (m, joints)."""
     start, along = wanted[:-1], np.diff(wanted, axis=0)
     length = np.maximum((along**2).sum(axis=1), 1e-30)
-    worst = 0.0
+    found = []
     for point in told:
         share = np.clip(((point - start) * along).sum(axis=1) / length, 0.0, 1.0)
-        worst = max(worst, float(np.abs(start + share[:, None] * along - point).max(axis=1).min()))
-    return worst
+        found.append(float(np.abs(start + share[:, None] * along - point).max(axis=1).min()))
+    return np.array(found)
 
 
 def move_deviation(listener: Listener, command: str, report: str) -> dict[str, float]:
