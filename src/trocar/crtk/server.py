@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import time
 
@@ -45,6 +46,8 @@ class CrtkServer:
 
     async def serve(self, cell: Cell) -> None:
         """Serve for ever."""
+        gc.collect()
+        gc.freeze()  # what is there by now stays: to look through it again takes several ticks
         async with trio.open_nursery() as nursery:
             while True:
                 self._now_s += TICK_S / self._speed
