@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +16,8 @@ pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 from trocar.arms import MotionLimits, fk, ik
 from trocar.crtk.arm import CrtkArm, connect
 from trocar.crtk.bus import open_bus, stamped
+from trocar.crtk.convert import pose_of, transform_of
 from trocar.crtk.messages import Empty, JointState, OperatingState, PoseStamped, StringStamped
-from trocar.crtk.served_arm import pose_of, transform_of
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.hardware import HardwareLaboratory
@@ -186,27 +185,6 @@ def test_an_arm_that_nobody_serves_is_said_with_its_topics(bus):
         InvalidInput, match=re.escape("publishes no /NOBODY/operating_state and no /NOBODY/measured_js")
     ):
         CrtkArm("nobody", TOPICS)
-
-
-PARTNER = Path(__file__).parents[2] / ".ros2" / "bin" / "python"
-
-
-@pytest.mark.skipif(not PARTNER.exists(), reason="no rclpy: tools/ros2.sh makes .ros2 with the wheels of ROS 2 Kilted")
-def test_the_real_rclpy_reads_and_commands_the_cell(served, client):
-    words = [PARTNER, Path(__file__).with_name("rclpy_partner.py")]
-    environment = {
-        "ROS_DOMAIN_ID": str(DOMAIN),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "HOME": os.environ.get("HOME", "/tmp"),
-        "PATH": os.environ["PATH"],
-    }
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=90, check=False)
-    assert done.returncode == 0, done.stderr
-    partner = json.loads(done.stdout.splitlines()[-1])
-    assert partner["measured"] > 100 and np.abs(np.array(partner["last_pose"])).max() < 1.0
-    assert partner["names"] == ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
-    client.until(lambda: np.abs(client.q() - partner["commanded"]).max() < 1e-6)
-    assert served.stop()["received"]["psm1"] == partner["sent"]
 
 
 def test_ik_of_a_published_pose_is_what_is_measured(client):

@@ -77,6 +77,7 @@ def serve(
         "station": station,
         "seconds": laboratory.now_s(),
         "received": {name: arm.received for name, arm in server.arms.items()},
+        "commands": {name: dict(arm.counts) for name, arm in server.arms.items()},
         "limit_use": {name: laboratory.driver.limit_use(name) for name in server.arms},
         "events": laboratory.log.events,
     }

@@ -21,8 +21,17 @@ Message = TypeVar("Message")
 class Bus(Protocol):
     """A participant in the topics of a robot."""
 
-    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
-        """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
+    def publisher(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+    ) -> Publisher[Message]:
+        """Return a publisher of a topic such as ``/PSM1/servo_jp``.
+
+        Args:
+            topic: its name.
+            kind: of its messages.
+            latched: late readers get the last message.
+            kept_s: but not if it is older than this (ROS 1: never).
+        """
         ...
 
     def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
@@ -35,6 +44,10 @@ class Publisher(Generic[Message]):
 
     def send(self, message: Message) -> None:
         """Send one."""
+        raise NotImplementedError
+
+    def readers(self) -> int:
+        """Return how many subscribe the topic."""
         raise NotImplementedError
 
 
@@ -76,7 +89,7 @@ def open_bus(topics: Topics) -> Bus:
     return Ros2Bus(topics)
 
 
-def stamped(frame: str = "") -> Header:
-    """Return a header of now."""
-    now_ns = time.time_ns()
+def stamped(frame: str = "", now_s: float | None = None) -> Header:
+    """Return a header of this time, or of now."""
+    now_ns = time.time_ns() if now_s is None else round(1e9 * now_s)
     return Header(Time(now_ns // 1_000_000_000, now_ns % 1_000_000_000), frame)

@@ -45,8 +45,11 @@ class Ros1Bus:
     def __init__(self, topics: Topics):
         _node(topics.interface, topics.master)
 
-    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
-        """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
+    def publisher(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+    ) -> Publisher[Message]:
+        """Return a publisher of a topic such as ``/PSM1/servo_jp``; see ``Bus``."""
+        latched = latched and kept_s is None
         return _Publisher(rospy.Publisher(topic, _class(kind), queue_size=KEPT_UNREAD, latch=latched, tcp_nodelay=True))
 
     def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
@@ -84,6 +87,9 @@ class _Publisher(Publisher[Message]):
     def send(self, message: Message) -> None:
         self._publisher.publish(_filled(self._publisher.data_class(), message))
 
+    def readers(self) -> int:
+        return self._publisher.get_num_connections()
+
 
 class _Subscriber(Subscriber[Message]):
     def __init__(self, topic: str, kind: type[Message]):
@@ -111,8 +117,15 @@ def _filled(target: Any, message: Any) -> Any:
     for field in fields(message):
         name, value = _name_in(target, field.name), getattr(message, field.name)
         if name is not None:
-            setattr(target, name, _filled(getattr(target, name), value) if is_dataclass(value) else value)
+            setattr(target, name, _rospy(getattr(target, name), value))
     return target
+
+
+def _rospy(target: Any, value: Any) -> Any:
+    """Return one value of ours as rospy has it."""
+    if isinstance(value, list) and value and is_dataclass(value[0]):
+        return [_filled(_class(type(one))(), one) for one in value]
+    return _filled(target, value) if is_dataclass(value) else value
 
 
 def _read(target: Any, message: Any) -> Any:

@@ -46,9 +46,14 @@ class Ros2Bus:
         domain = int(os.environ.get("ROS_DOMAIN_ID", "0")) if topics.domain is None else topics.domain
         self._participant = _participant(topics.interface, topics.peers, domain)
 
-    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
-        """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
-        return _Writer(DataWriter(self._participant, self._topic(topic, kind), qos=_quality(latched, KEPT)))
+    def publisher(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+    ) -> Publisher[Message]:
+        """Return a publisher of a topic such as ``/PSM1/servo_jp``; see ``Bus``."""
+        quality = _quality(latched, KEPT)
+        if kept_s is not None:
+            quality += Qos(Policy.Lifespan(duration(seconds=kept_s)))
+        return _Writer(DataWriter(self._participant, self._topic(topic, kind), qos=quality))
 
     def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
         """Return a subscriber of a topic."""
@@ -78,6 +83,9 @@ class _Writer(Publisher[Message]):
 
     def send(self, message: Message) -> None:
         self._writer.write(message)
+
+    def readers(self) -> int:
+        return len(self._writer.get_matched_subscriptions())
 
 
 class _Reader(Subscriber[Message]):

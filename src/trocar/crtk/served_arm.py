@@ -3,36 +3,53 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, fk, ik
-from trocar.crtk.arm import JOINTS
-from trocar.crtk.bus import Bus, Subscriber, stamped
+from trocar.arms import ArmModel, MotionLimits, ik, limit_violations
+from trocar.crtk.bus import Bus, Subscriber
+from trocar.crtk.convert import transform_of
 from trocar.crtk.messages import (
+    Bool,
     Empty,
+    Float64,
     JointState,
-    OperatingState,
-    Point,
-    Pose,
     PoseStamped,
-    Quaternion,
     StringStamped,
     Time,
+    WrenchStamped,
 )
+from trocar.crtk.reports import ArmReport
 from trocar.crtk.servo import SetPoints, step_towards
-from trocar.errors import TrocarError
-from trocar.geometry import SE3, SO3
+from trocar.errors import InvalidInput, InvalidValue, TrocarError
+from trocar.geometry import SE3
 from trocar.motion import move_to
 from trocar.robots import TICK_S
 from trocar.robots.driver import Driver
 from trocar.sim.laboratory import SimLaboratory
 from trocar.trajectory import Trajectory
 
+STREAMS = ("servo_jp", "servo_jr", "servo_cp")
+MOTIONS: dict[str, type] = {
+    **dict.fromkeys(("servo_jp", "servo_jr", "move_jp", "move_jr", "jaw/servo_jp", "jaw/move_jp"), JointState),
+    **dict.fromkeys(("servo_cp", "move_cp"), PoseStamped),
+}
+"""What an enabled arm does."""
+EFFORTS: dict[str, type] = {
+    **dict.fromkeys(("servo_jf", "jaw/servo_jf"), JointState),
+    **dict.fromkeys(("body/servo_cf", "spatial/servo_cf"), WrenchStamped),
+    **dict.fromkeys(("use_gravity_compensation", "body/set_cf_orientation_absolute"), Bool),
+    "free": Empty,
+}
+"""What needs an arm that is driven by efforts, so not this one."""
+ANSWER_S = 0.25
+"""The state is told so much later to whoever begins to read it, or commands what changes nothing: rclpy believes .1 s
+before it hears a topic that it does (measured)."""
 STEP_TOLERANCE = 1e-6
 SAME = 1e-12
 """rad, m, and per second: an arm that is this near to the last set-point has reached it."""
@@ -41,86 +58,130 @@ SAME = 1e-12
 class ServedArm:
     """One arm on its topics.
 
+    Args:
+        name: of the arm.
+        model: of the arm.
+        laboratory: the cell.
+        bus: where it speaks.
+        topic: its namespace.
+        T_world_base: its base as registered.
+
     Attributes:
-        received: set-points of ``servo_jp`` that have come.
+        counts: messages that have come, by topic.
     """
 
     def __init__(self, name: str, model: ArmModel, laboratory: SimLaboratory, bus: Bus, topic: str, T_world_base: SE3):
         self._name, self._model, self._laboratory = name, model, laboratory
         self._driver: Driver = laboratory.driver
         self._limits, self._T_world_base = laboratory.session.station.arms[name].limits, T_world_base
-        self.received, self._streamed = 0, SetPoints()
+        self._ratio = 1.0
+        self._streamed = SetPoints()
         self._goal: NDArray[np.float64] | None = None
-        self._state, self._busy, self._told = "ENABLED", 0, None
-        kinds = {"measured_js": JointState, "setpoint_js": JointState}
-        kinds |= {"jaw/measured_js": JointState, "jaw/setpoint_js": JointState}
-        kinds |= dict.fromkeys(("measured_cp", "setpoint_cp", "local/measured_cp"), PoseStamped)
-        self._out = {what: bus.publisher(f"{topic}/{what}", kind) for what, kind in kinds.items()}
-        self._out_state = bus.publisher(f"{topic}/operating_state", OperatingState, latched=True)
-        joints = ("servo_jp", "move_jp", "jaw/servo_jp", "jaw/move_jp")
-        kinds = dict.fromkeys(joints, JointState) | dict.fromkeys(("servo_cp", "move_cp"), PoseStamped)
-        kinds |= {"hold": Empty, "state_command": StringStamped}
+        self._asked: NDArray[np.float64] | None = None
+        self._state, self._homed, self._busy = "ENABLED", True, 0
+        self._told: tuple[str, bool, bool] | None = None
+        self._answer_s: float | None = None
+        self._report = ArmReport(model, bus, topic, T_world_base)
+        self._report.ratio(self._ratio)
+        kinds = MOTIONS | EFFORTS | {"hold": Empty, "state_command": StringStamped}
+        kinds |= {"trajectory_j/set_ratio": Float64, "emulate_tool_present": Bool}
         self._in: dict[str, Subscriber[Any]] = {
             what: bus.subscriber(f"{topic}/{what}", kind) for what, kind in kinds.items()
         }
+        self.counts: Counter[str] = Counter()
 
-    def tell(self) -> None:
-        """Publish where the arm is."""
-        setpoint, reading = self._driver.setpoint(self._name), self._driver.read(self._name)
-        jaw_rad = self._driver.jaw_command_rad(self._name)
-        self._out["measured_js"].send(JointState(stamped(), list(JOINTS), reading.q.tolist()))
-        self._out["setpoint_js"].send(
-            JointState(stamped(), list(JOINTS), setpoint.q.tolist(), setpoint.velocity.tolist())
-        )
-        self._out["jaw/measured_js"].send(JointState(stamped(), ["jaw"], [reading.jaw_rad]))
-        self._out["jaw/setpoint_js"].send(JointState(stamped(), ["jaw"], [jaw_rad]))
-        T_base_tip = fk(self._model, reading.q)
-        self._out["local/measured_cp"].send(PoseStamped(stamped(), pose_of(T_base_tip)))
-        self._out["measured_cp"].send(PoseStamped(stamped("world"), pose_of(self._T_world_base @ T_base_tip)))
-        T_world_tip = self._T_world_base @ fk(self._model, setpoint.q)
-        self._out["setpoint_cp"].send(PoseStamped(stamped("world"), pose_of(T_world_tip)))
-        state = (self._state, self._state != "DISABLED", self._busy > 0)
-        if state != self._told:
-            self._told = state
-            self._out_state.send(OperatingState(stamped(), *state))
+    @property
+    def received(self) -> int:
+        """Return how many set-points have been streamed to the arm."""
+        return sum(self.counts[what] for what in STREAMS)
+
+    def tell(self, now_s: float) -> None:
+        """Publish where the arm is; ``now_s`` is the machine's time of this tick."""
+        goal = self._driver.setpoint(self._name).q if self._asked is None else self._asked
+        self._report.tick(now_s, self._name, self._driver, goal)
+        if (self._state, self._homed, self._busy > 0) != self._told:
+            self._tell_state()
+
+    def _tell_state(self) -> None:
+        self._told = self._state, self._homed, self._busy > 0
+        self._report.state(*self._told)
 
     def hear(self, nursery: trio.Nursery, now_s: float) -> None:
-        """Do what has been asked for since the last tick; ``now_s`` is the time of this machine."""
-        for message in self._in["state_command"].take():
-            self._command(message.string)
-        if self._in["hold"].take():
-            self._hold()
-        come = {what: self._in[what].take() for what in self._in if what.split("_")[-1] in ("jp", "cp")}
-        self.received += len(come["servo_jp"])
-        if self._state != "ENABLED":
-            return
+        """Do what has been asked for since the last tick; ``now_s`` is the machine's time of this one."""
+        if self._answer_s is not None and now_s >= self._answer_s:
+            self._answer_s = None
+            self._tell_state()
+        if self._report.has_new_readers():
+            self._answer_s = now_s + ANSWER_S
+        come = {what: messages for what, source in self._in.items() if (messages := source.take())}
         for what, messages in come.items():
-            streamed = what.startswith("servo")
-            for message in messages if streamed else messages[-1:]:
+            if what in EFFORTS and not self.counts[what]:  # once: it may be a stream
+                self._refuse(what, "the simulated arm is driven by positions alone")
+            self.counts[what] += len(messages)
+        for message in come.get("state_command", ()):
+            self._command(message.string)
+            self._answer_s = now_s + ANSWER_S
+        if "hold" in come:
+            self._hold()
+        for message in come.get("trajectory_j/set_ratio", ()):
+            self._set_ratio(message.data)
+        if self._state != "ENABLED" or not self._homed:
+            return
+        for what in MOTIONS:
+            messages = come.get(what, [])
+            for message in messages if what in STREAMS else messages[-1:]:
                 try:
                     self._do(what, message, nursery)
                 except TrocarError as error:
-                    self._laboratory.log.event("refused", arm=self._name, topic=what, reason=str(error))
+                    self._refuse(what, str(error))
         self._follow(now_s)
+
+    def _refuse(self, what: str, reason: str) -> None:
+        self._laboratory.log.event("refused", arm=self._name, topic=what, reason=reason)
 
     def _do(self, what: str, message: Any, nursery: trio.Nursery) -> None:
         if what.startswith("jaw/"):
-            self._driver.start_jaw(self._name, float(message.position[0]))
+            if len(message.position) != 1 or not np.isfinite(message.position[0]):
+                raise InvalidInput("the jaws' position", f"is {list(message.position)}", "give one finite angle")
+            completion = self._driver.start_jaw(self._name, message.position[0])
+            if what == "jaw/move_jp":
+                self._busy_until(completion.over.wait, nursery)
             return
         now = self._driver.setpoint(self._name)
         if what.endswith("_cp"):
             goal = ik(self._model, self._T_world_base.inverse() @ transform_of(message.pose), now.q)
         else:
             goal = self._model.configurations(message.position)
-        if what.startswith("servo"):
+            if what.endswith("_jr"):
+                goal = goal + (now.q if self._asked is None else self._asked)
+        if what in STREAMS:
             self._stream(now.q, goal, message.header.stamp)
         else:
             self._streamed.clear()
-            nursery.start_soon(self._move, move_to(now.q, now.velocity, goal, self._limits))
+            scaled = MotionLimits(self._ratio * self._limits.velocity, self._ratio * self._limits.acceleration)
+            limits = scaled if np.all(np.abs(now.velocity) < scaled.velocity) else self._limits
+            if wrong := limit_violations(self._model, goal):
+                raise InvalidInput("the goal", f"is out of range: {'; '.join(wrong)}", "give one inside")
+            motion = move_to(now.q, now.velocity, goal, limits)
+            self._asked = goal
+            self._busy_until(lambda: self._move(motion), nursery)
+
+    def _busy_until(self, over: Callable[[], Awaitable[None]], nursery: trio.Nursery) -> None:
+        """Be busy until something is over; said at once, since it may be over within a tick."""
+        self._busy += 1
+        self._tell_state()
+
+        async def wait() -> None:
+            try:
+                await over()
+            finally:
+                self._busy -= 1
+
+        nursery.start_soon(wait)
 
     def _stream(self, now: NDArray[np.float64], goal: NDArray[np.float64], stamp: Time) -> None:
         """Take a set-point of a stream, which is played back soon."""
-        goal = np.clip(goal, self._model.lower, self._model.upper)
+        self._asked = goal = np.clip(goal, self._model.lower, self._model.upper)
         stamp_s = stamp.sec + 1e-9 * stamp.nanosec if stamp.sec else None
         speed = self._streamed.add(goal, now, time.time(), stamp_s)
         share = float((speed / self._limits.velocity).max())
@@ -141,45 +202,38 @@ class ServedArm:
 
     def _hold(self) -> None:
         self._streamed.clear()
+        self._asked = None
         self._driver.hold(self._name)
 
     async def _move(self, motion: Trajectory) -> None:
-        self._busy += 1
         try:
-            await self._laboratory.cell.robot.replace({self._name: motion})
+            await self._driver.replace({self._name: motion})
         except TrocarError as error:
-            self._laboratory.log.event("refused", arm=self._name, topic="move", reason=str(error))
-        finally:
-            self._busy -= 1
+            self._asked = None
+            self._refuse("move", str(error))
+
+    def _set_ratio(self, ratio: float) -> None:
+        """Take another share of the limits for the arm's own motions."""
+        if 0 < ratio <= 1:
+            self._ratio = ratio
+            self._report.ratio(ratio)
+        else:
+            self._refuse("trajectory_j/set_ratio", str(InvalidValue("the ratio", ratio, "give more than 0, at most 1")))
 
     def _command(self, word: str) -> None:
         """Change the operating state as CRTK's state machine does."""
         changes: Mapping[str, Mapping[str, str]] = {
-            "enable": {"DISABLED": "ENABLED", "FAULT": "ENABLED"},
-            "disable": dict.fromkeys(("ENABLED", "PAUSED", "FAULT"), "DISABLED"),
+            "enable": dict.fromkeys(("DISABLED", "FAULT", "ENABLED"), "ENABLED"),
+            "disable": dict.fromkeys(("ENABLED", "PAUSED", "FAULT", "DISABLED"), "DISABLED"),
             "pause": {"ENABLED": "PAUSED"},
             "resume": {"PAUSED": "ENABLED"},
-            "home": {"DISABLED": "ENABLED"},
-            "unhome": {"ENABLED": "DISABLED"},
+            "home": dict.fromkeys(("DISABLED", "ENABLED"), "ENABLED"),
+            "unhome": dict.fromkeys(("ENABLED", "DISABLED"), "DISABLED"),
         }
         after = changes.get(word, {}).get(self._state)
         if after is None:
-            reason = f"{word!r} does nothing when {self._state}"
-            self._laboratory.log.event("refused", arm=self._name, topic="state_command", reason=reason)
-            return
-        self._state = after
-        if after != "ENABLED":
-            self._hold()
-
-
-def pose_of(T: SE3) -> Pose:
-    """Return a transform as a message, the scalar of its quaternion last."""
-    w, x, y, z = T.rotation.as_quaternion().tolist()
-    return Pose(Point(*T.translation_m.tolist()), Quaternion(x, y, z, w))
-
-
-def transform_of(pose: Pose) -> SE3:
-    """Return the transform of a message."""
-    q = pose.orientation
-    place = pose.position
-    return SE3.from_parts(SO3.from_quaternion([q.w, q.x, q.y, q.z]), [place.x, place.y, place.z])
+            self._refuse("state_command", f"{word!r} does nothing when {self._state}")
+        else:
+            self._state, self._homed = after, word == "home" or (self._homed and word != "unhome")
+            if after != "ENABLED":
+                self._hold()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import importlib
 import time
 
 import trio
@@ -34,15 +36,18 @@ class CrtkServer:
     """
 
     def __init__(self, laboratory: SimLaboratory, topics: Topics, speed: float = 1.0):
+        importlib.import_module("scipy.interpolate")  # .3 s, which the tick of the first motion does not have
         self._now_s, self._speed = time.time(), speed
         bus, session = open_bus(topics), laboratory.session
         self.arms = {
-            name: ServedArm(name, model, laboratory, bus, topics.of_arm(name), session.T_world_base[name])
+            name: ServedArm(name, model, laboratory, bus, topics.of_arm(name), session.T_world_base_registered[name])
             for name, model in laboratory.cell.arms.items()
         }
 
     async def serve(self, cell: Cell) -> None:
         """Serve for ever."""
+        gc.collect()
+        gc.freeze()  # what is there by now stays: to look through it again takes several ticks
         async with trio.open_nursery() as nursery:
             while True:
                 self._now_s += TICK_S / self._speed
@@ -50,5 +55,5 @@ class CrtkServer:
                 self._now_s += off_s if abs(off_s) > SLIP_S else STEADY * off_s
                 for arm in self.arms.values():
                     arm.hear(nursery, self._now_s)
-                    arm.tell()
+                    arm.tell(self._now_s)
                 await cell.clock.sleep(TICK_S)

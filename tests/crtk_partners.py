@@ -1,0 +1,91 @@
+"""Test partners of trocar.crtk: a served cell in a process of its own, and programs on the real rclpy and rospy."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+
+
+def python_of(ros: int) -> Path:
+    """Return the Python that ``tools/ros1.sh`` or ``tools/ros2.sh`` makes."""
+    return ROOT / f".ros{ros}" / "bin" / "python"
+
+
+@contextmanager
+def process(words: list[str], environment: dict[str, str], **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """Start a process and end it at the end."""
+    running = subprocess.Popen(words, env=environment, text=True, **options)
+    try:
+        yield running
+    finally:
+        running.kill()
+        running.wait()
+
+
+@contextmanager
+def ros1_master() -> Iterator[str]:
+    """Start a ROS 1 master on the loopback interface; yield its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"http://127.0.0.1:{port}"
+    words = [str(python_of(1)), "-c", "import rosmaster; rosmaster.rosmaster_main()", "--core", "-p", str(port)]
+    with tempfile.TemporaryDirectory() as home:
+        environment = {**os.environ, "ROS_MASTER_URI": address, "ROS_HOSTNAME": "127.0.0.1", "ROS_HOME": home}
+        with process(words, environment, stdout=subprocess.DEVNULL) as master:
+            end_s = time.monotonic() + 30
+            while not _answers(address):
+                assert master.poll() is None and time.monotonic() < end_s, "the master does not start"
+                time.sleep(0.02)
+            yield address
+
+
+def _answers(address: str) -> bool:
+    try:
+        urllib.request.urlopen(address, timeout=1.0)
+    except urllib.error.HTTPError:
+        return True  # it speaks, but not to a browser
+    except OSError:
+        return False
+    return True
+
+
+def environment_of(ros: int, domain: int = 0, master: str = "") -> dict[str, str]:
+    """Return the environment of a program of ROS 1 or 2 that stays on the loopback interface."""
+    return {
+        "PATH": os.environ["PATH"],
+        "HOME": os.environ.get("HOME", tempfile.gettempdir()),
+        "ROS_VERSION": str(ros),
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_MASTER_URI": master,
+        "ROS_HOSTNAME": "127.0.0.1",
+    }
+
+
+@contextmanager
+def served(*words: str, python: Path = Path(sys.executable)) -> Iterator[subprocess.Popen[str]]:
+    """Serve a cell; ``said`` returns what it says at its end."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+    command = [str(python), "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--json", *words]
+    with process(command, environment, stdout=subprocess.PIPE) as running:
+        yield running
+
+
+def said(running: subprocess.Popen[str]) -> dict[str, Any]:
+    """End a served cell and return what it says."""
+    running.send_signal(2)
+    return json.loads(running.communicate(timeout=60)[0])
