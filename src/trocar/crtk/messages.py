@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
 from cyclonedds.idl import IdlStruct
+from cyclonedds.idl._machinery import BytesMachine
 
 if TYPE_CHECKING:
     float64: TypeAlias = float
@@ -12,8 +13,11 @@ if TYPE_CHECKING:
     uint32: TypeAlias = int
     uint8: TypeAlias = int
     sequence = list
+    nine = twelve = list[float]
 else:
-    from cyclonedds.idl.types import float64, int32, sequence, uint8, uint32
+    from cyclonedds.idl.types import array, float64, int32, sequence, uint8, uint32
+
+    nine, twelve = array[float64, 9], array[float64, 12]
 
 
 @dataclass
@@ -101,6 +105,52 @@ class Empty(IdlStruct, typename="std_msgs.msg.dds_.Empty_"):
     """Nothing; ROS 2 sends one byte."""
 
     structure_needs_at_least_one_member: uint8 = 0
+
+
+@dataclass
+class Image(IdlStruct, typename="sensor_msgs.msg.dds_.Image_"):
+    """Rows of pixels, ``step`` bytes each: ``rgb8``, ``bgr8``, ``32FC1`` (m) or ``16UC1`` (mm)."""
+
+    header: Header = field(default_factory=Header)
+    height: uint32 = 0
+    width: uint32 = 0
+    encoding: str = ""
+    is_bigendian: uint8 = 0
+    step: uint32 = 0
+    data: sequence[uint8] = b""  # type: ignore[assignment]  # bytes: see below
+
+
+Image.__idl__.populate()  # type: ignore[attr-defined]
+for _machine in (Image.__idl__.v1_machine, Image.__idl__.v2_machine):  # type: ignore[attr-defined]
+    _machine.members_machines["data"] = BytesMachine()  # as a list of numbers, a megabyte takes a good part of a second
+
+
+@dataclass
+class RegionOfInterest(IdlStruct, typename="sensor_msgs.msg.dds_.RegionOfInterest_"):
+    """A rectangle of pixels."""
+
+    x_offset: uint32 = 0
+    y_offset: uint32 = 0
+    height: uint32 = 0
+    width: uint32 = 0
+    do_rectify: bool = False
+
+
+@dataclass
+class CameraInfo(IdlStruct, typename="sensor_msgs.msg.dds_.CameraInfo_"):
+    """A lens: size in pixels, distortion k1 k2 p1 p2 k3, matrices K, R, P row by row."""
+
+    header: Header = field(default_factory=Header)
+    height: uint32 = 0
+    width: uint32 = 0
+    distortion_model: str = ""
+    d: sequence[float64] = field(default_factory=list)
+    k: nine = field(default_factory=lambda: [0.0] * 9)
+    r: nine = field(default_factory=lambda: [0.0] * 9)
+    p: twelve = field(default_factory=lambda: [0.0] * 12)
+    binning_x: uint32 = 0
+    binning_y: uint32 = 0
+    roi: RegionOfInterest = field(default_factory=RegionOfInterest)
 
 
 def ros_name(kind: type) -> tuple[str, str]:
