@@ -101,6 +101,37 @@ class OperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.OperatingState_"):
 
 
 @dataclass
+class OldOperatingState(OperatingState, typename="crtk_msgs.msg.dds_.operating_state_"):
+    """The same before CRTK 1.1, which renamed it."""
+
+
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):
+    """A direction, or a way, m."""
+
+    x: float64 = 0.0
+    y: float64 = 0.0
+    z: float64 = 0.0
+
+
+@dataclass
+class Transform(IdlStruct, typename="geometry_msgs.msg.dds_.Transform_"):
+    """A pose as a transform."""
+
+    translation: Vector3 = field(default_factory=Vector3)
+    rotation: Quaternion = field(default_factory=Quaternion)
+
+
+@dataclass
+class TransformStamped(IdlStruct, typename="geometry_msgs.msg.dds_.TransformStamped_"):
+    """A pose as CRTK had it before 1.1, and as a Raven has it."""
+
+    header: Header = field(default_factory=Header)
+    child_frame_id: str = ""
+    transform: Transform = field(default_factory=Transform)
+
+
+@dataclass
 class Empty(IdlStruct, typename="std_msgs.msg.dds_.Empty_"):
     """Nothing; ROS 2 sends one byte."""
 

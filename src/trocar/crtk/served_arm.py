@@ -11,7 +11,7 @@ import trio
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, ik
-from trocar.crtk.arm import JOINTS
+from trocar.crtk.dialect import PSM_JOINTS
 from trocar.crtk.bus import Bus, Subscriber, stamped
 from trocar.crtk.messages import (
     Empty,
@@ -68,9 +68,9 @@ class ServedArm:
         """Publish where the arm is."""
         setpoint, reading = self._driver.setpoint(self._name), self._driver.read(self._name)
         jaw_rad = self._driver.jaw_command_rad(self._name)
-        self._out["measured_js"].send(JointState(stamped(), list(JOINTS), reading.q.tolist()))
+        self._out["measured_js"].send(JointState(stamped(), list(PSM_JOINTS), reading.q.tolist()))
         self._out["setpoint_js"].send(
-            JointState(stamped(), list(JOINTS), setpoint.q.tolist(), setpoint.velocity.tolist())
+            JointState(stamped(), list(PSM_JOINTS), setpoint.q.tolist(), setpoint.velocity.tolist())
         )
         self._out["jaw/measured_js"].send(JointState(stamped(), ["jaw"], [reading.jaw_rad]))
         self._out["jaw/setpoint_js"].send(JointState(stamped(), ["jaw"], [jaw_rad]))
