@@ -41,7 +41,12 @@ class CrtkArm:
     """
 
     def __init__(self, name: str, topics: Topics):
-        self._name, self._topic, self._dialect, self._command = name, topics.of_arm(name), topics.dialect, topics.command
+        self._name, self._topic, self._dialect, self._command = (
+            name,
+            topics.of_arm(name),
+            topics.dialect,
+            topics.command,
+        )
         bus, topic = open_bus(topics), self._topic
         jaw = jaw_topic(self._dialect, topic)
         self._bus = bus

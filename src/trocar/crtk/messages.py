@@ -2,7 +2,7 @@
 
 # cyclonedds reads the annotations of these classes, so they are not strings here.
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl._machinery import BytesMachine
@@ -14,10 +14,11 @@ if TYPE_CHECKING:
     uint8: TypeAlias = int
     sequence = list
     nine = twelve = list[float]
+    octets: TypeAlias = bytes
 else:
     from cyclonedds.idl.types import array, float64, int32, sequence, uint8, uint32
 
-    nine, twelve = array[float64, 9], array[float64, 12]
+    nine, twelve, octets = array[float64, 9], array[float64, 12], sequence[uint8]
 
 
 @dataclass
@@ -148,12 +149,13 @@ class Image(IdlStruct, typename="sensor_msgs.msg.dds_.Image_"):
     encoding: str = ""
     is_bigendian: uint8 = 0
     step: uint32 = 0
-    data: sequence[uint8] = b""  # type: ignore[assignment]  # bytes: see below
+    data: octets = b""
 
 
-Image.__idl__.populate()  # type: ignore[attr-defined]
-for _machine in (Image.__idl__.v1_machine, Image.__idl__.v2_machine):  # type: ignore[attr-defined]
-    _machine.members_machines["data"] = BytesMachine()  # as a list of numbers, a megabyte takes a good part of a second
+_idl: Any = getattr(Image, "__idl__")  # noqa: B009
+_idl.populate()
+for _machine in (_idl.v1_machine, _idl.v2_machine):  # as a list of numbers, a megabyte takes a good part of a second
+    _machine.members_machines["data"] = BytesMachine()
 
 
 @dataclass

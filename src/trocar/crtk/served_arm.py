@@ -11,8 +11,8 @@ import trio
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, ik
-from trocar.crtk.dialect import PSM_JOINTS
 from trocar.crtk.bus import Bus, Subscriber, stamped
+from trocar.crtk.dialect import PSM_JOINTS
 from trocar.crtk.messages import (
     Empty,
     JointState,
