@@ -94,7 +94,7 @@ def write_page(
         f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')} at station "
         f"{summary['station']}, seed {summary['seed']}{model}, planner {summary['planner']}."
     )
-    sub = [where, "Simulated. Research use only, not a medical device."]
+    sub = [where, f"{upper_first(where_of(summary))}. Research use only, not a medical device."]
     return write_text(path, document(f"{title[:1].upper()}{title[1:]}", sub, parts), "report")
 
 
@@ -113,7 +113,7 @@ def _headline(summary: Mapping[str, Any]) -> str:
             "-" if mean_s is None else f"{mean_s:.2f} s",
             f"a whole trial: {whole['mean']:.1f}{spread} s",
         ),
-        ("collisions per trial", f"{summary['collisions_per_trial']:.2f}", counted(summary["trials"], "trial")),
+        ("collisions per trial", figure(summary["collisions_per_trial"]), counted(summary["trials"], "trial")),
         ("complete trials", complete, f"in which every {noun} succeeded"),
     )
     inside = "".join(
