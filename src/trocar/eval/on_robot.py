@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import asdict
 
 import numpy as np
@@ -12,7 +11,7 @@ from trocar.calibration.fleet import FleetPrior, expected, load_prior
 from trocar.calibration.models import CableModel, load_model
 from trocar.eval.config import TRIALS, RunConfig
 from trocar.eval.method import AgentContext, pick_perception
-from trocar.eval.run import DONE, End, Listener, compensated, encoded, plain, play_agent
+from trocar.eval.run import DONE, End, Listener, Photographer, compensated, encoded, plain, play_agent
 from trocar.eval.scenery import Scenery
 from trocar.eval.trial import Trial
 from trocar.hardware.kinds import robot_of
@@ -92,13 +91,15 @@ def _trial(
     station, robot, log = config.laboratory, laboratory.robot, laboratory.log
     lead_s = robot.settings.lead_ticks * robot.settings.tick_s
     arrays = laboratory.record.arrays(robot.origin_s, lead_s)
-    blobs, cameras = encoded(laboratory.cameras)
+    kept = {name: camera for name, camera in laboratory.cameras.items() if isinstance(camera, Photographer)}
+    blobs, cameras = encoded(kept)
     return Trial(
         about={
             **config.about(),
             "fingerprint": config.fingerprint,
             "session": SESSION,
             "index": index,
+            "tally": None,
             "settings": settings,
         },
         scores=[asdict(score) for score in config.task.told(log.events)],

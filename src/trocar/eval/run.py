@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -50,6 +50,7 @@ PACKED = 3
 Listener = Callable[[Mapping[str, object]], None]
 
 
+@runtime_checkable
 class Photographer(Protocol):
     """A camera that keeps its images."""
 

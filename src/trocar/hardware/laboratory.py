@@ -60,6 +60,7 @@ class HardwareLaboratory:
         robot: the arms without their guard: emergency stop, faults.
         log: what scripts, guard and loop note.
         record: what was asked, sent and read, tick by tick.
+        cameras: by name.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class HardwareLaboratory:
             stale_s=self.robot.settings.stale_s,
             note=self.log.event,
         )
-        self.record.asked_of = self._guard
+        self.record.asked_of, self.cameras = self._guard, dict(cameras or {})
         self.cell = Cell(
             robot=self._guard,
             cameras=cameras or {},
