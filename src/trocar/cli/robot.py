@@ -1,4 +1,4 @@
-"""``trocar run TASK --robot KIND:STATION.toml``: a person is told what will move, and asked; then trials on real arms."""
+"""``trocar run TASK --robot KIND:STATION.toml``: a person is told what will move, and asked; then arms move."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def run_robot(
 
     asks = sys.stdin.isatty() and not yes and not as_json
     for line in about_motion(config):
-        beside().print(line, soft_wrap=True, markup=False, highlight=False)
+        typer.echo(line, err=True)  # whatever --quiet says
     if not enable_motion:
         raise InvalidInput(
             f"--robot {config.robot}", "moves real arms, and motion is not enabled", "add --enable-motion"

@@ -309,7 +309,9 @@ class RunConfig:
         """Return the options that differ from the defaults of its task, method and seed."""
         kind = type(self.task)
         required = {f.name: getattr(self.task, f.name) for f in fields(kind) if f.default is MISSING}  # type: ignore[arg-type]
-        where = {"robot": self.robot, "cables": self.cables} if self.robot else {"station": self.station}
+        where: dict[str, Any] = (
+            {"robot": self.robot, "cables": self.cables} if self.robot else {"station": self.station}
+        )
         usual = RunConfig(kind(**required), method=self.method, seed=self.seed, **where)
         found = {**self._chosen(), "station": self.station, "plugins": self.plugins}
         ordinary = {**usual._chosen(), "station": kind.station, "plugins": ()} | dict.fromkeys(required)
