@@ -1,11 +1,10 @@
 """``trocar run --robot``: what is refused, and what a person is told, before anything could move."""
 
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from trocar.cli.robot import about_motion
+from trocar.cli.robot import about_motion, run_robot
 from trocar.errors import BadFile, InvalidInput, UnknownName
 from trocar.eval.config import RunConfig
 from trocar.lab import station_text
@@ -34,7 +33,7 @@ def test_options_of_simulated_sessions_are_refused(robot):
 
 def test_a_method_that_compensates_needs_a_cable_model_of_each_arm(robot, tmp_path):
     with pytest.raises(
-        InvalidInput, match="cables of psm1, and no model of them is named; give --cables psm1=FILE.npz"
+        InvalidInput, match=r"cables of psm1, and no model of them is named; give --cables psm1=FILE.npz"
     ):
         RunConfig(PegTransfer(), robot=robot)
     with pytest.raises(BadFile, match="does not exist"):
@@ -49,7 +48,7 @@ def test_a_method_that_compensates_needs_a_cable_model_of_each_arm(robot, tmp_pa
 def test_cables_without_a_robot_and_robots_without_a_file_are_refused():
     with pytest.raises(InvalidInput, match="is of a real arm, and --robot names none"):
         RunConfig(PegTransfer(), cables=("psm1=x.npz",))
-    with pytest.raises(InvalidInput, match="names no station's file; give KIND:STATION.toml"):
+    with pytest.raises(InvalidInput, match=r"names no station's file; give KIND:STATION.toml"):
         RunConfig(PegTransfer(), robot="crtk")
     with pytest.raises(UnknownName):
         RunConfig(PegTransfer(), robot="nobody:x.toml")
@@ -63,17 +62,19 @@ def test_a_robots_run_says_so_and_nothing_of_simulated_flaws(robot):
 
 def test_nothing_moves_unless_motion_is_enabled_and_somebody_agrees(robot, tmp_path, monkeypatch):
     import trocar.eval.on_robot
-    from trocar.cli.run import RUN
+
+    class Moved(Exception):
+        pass
 
     def moved(*_):
-        raise AssertionError("it moved")
+        raise Moved
 
     monkeypatch.setattr(trocar.eval.on_robot, "run_on_robot", moved)
-    words = ["peg-transfer", "--method", "uncalibrated", "--robot", robot, "--out", str(tmp_path / "out")]
-    for more, said in (([], "motion is not enabled"), (["--enable-motion"], "nobody is there to answer")):
-        result = CliRunner().invoke(RUN, [*words, *more])
-        assert isinstance(result.exception, InvalidInput) and said in str(result.exception)
-    assert isinstance(CliRunner().invoke(RUN, [*words, "--enable-motion", "--yes"]).exception, AssertionError)
-    for flag in ("--yes", "--enable-motion"):
-        refused = CliRunner().invoke(RUN, ["peg-transfer", flag]).exception
-        assert isinstance(refused, InvalidInput) and "is for real arms" in str(refused)
+    config = RunConfig(PegTransfer(), method="uncalibrated", robot=robot)
+    how = {"out": tmp_path / "out", "strict": False, "as_json": True}
+    with pytest.raises(InvalidInput, match="moves real arms, and motion is not enabled; add --enable-motion"):
+        run_robot(config, enable_motion=False, yes=True, **how)
+    with pytest.raises(InvalidInput, match="nobody is there to answer; add --yes"):
+        run_robot(config, enable_motion=True, yes=False, **how)
+    with pytest.raises(Moved):
+        run_robot(config, enable_motion=True, yes=True, **how)
