@@ -53,7 +53,7 @@ class ToolPath:
 
     Attributes:
         p_world_planned_m: (n, 3) at ``Replay.times_s``, by the script's joints and the registered base.
-        p_world_driven_m: (n, 3) the true tip.
+        p_world_driven_m: (n, 3) the true tip; of real arms the tip by their encoders.
     """
 
     p_world_planned_m: NDArray[np.float64]

@@ -111,7 +111,7 @@ def _show(
 ) -> None:
     from trocar.report.files import report_of
     from trocar.report.summary import MISSED_WARNING
-    from trocar.report.tables import brief_flaws, headline, parts_table, run_table
+    from trocar.report.tables import brief_flaws, figure, headline, parts_table, run_table
 
     report = report_of(trials[0])
     console = details()
@@ -128,7 +128,7 @@ def _show(
         console.print(f"compute p50 / p95: {compute}; {summary['realtime_factor']:.1f} x real time")
     use = summary["command_limit_use"]
     console.print(
-        f"collisions per trial: {summary['collisions_per_trial']:.2f}; "
+        f"collisions per trial: {figure(summary['collisions_per_trial'])}; "
         f"largest share of the limits in the commands sent: "
         f"velocity {use['velocity']:.2f}, acceleration {use['acceleration']:.2f}"
     )

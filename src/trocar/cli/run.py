@@ -203,6 +203,8 @@ def run(
     strict: Annotated[bool, Option("--strict", help="Exit with code 1 if a goal was missed.")] = False,
     raise_errors: Annotated[bool, Option("--raise", help=ABOUT_RAISE)] = False,
     cache: CacheFolder = None,
+    enable_motion: Annotated[bool, Option("--enable-motion", help="With --robot: let the arms move.")] = False,
+    yes: Annotated[bool, Option("--yes", help="With --robot: do not ask before the arms move.")] = False,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -217,6 +219,16 @@ def run(
     if raise_errors and jobs != 1:
         raise InvalidInput("--raise", "has no effect on trials in other processes", "drop --jobs")
     config = RunConfig(task(**options), **run, plugins=tuple(map(str, plugin or ())))
+    if config.robot:
+        from trocar.cli.robot import run_robot
+
+        if jobs != 1:
+            raise InvalidInput(f"--jobs {jobs}", "is more than one robot can do at once", "drop --jobs")
+        run_robot(config, out, enable_motion=enable_motion, yes=yes, strict=strict, as_json=as_json)
+        return
+    if enable_motion or yes:
+        flag = "--enable-motion" if enable_motion else "--yes"
+        raise InvalidInput(flag, "is for real arms, and no --robot is named", "drop it, or name a robot")
     if config.model == "lstm":
         need("learn")
     folder = out or default_folder(f"{task.name}-{config.method}-{config.seed}", config.unusual)

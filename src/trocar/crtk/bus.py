@@ -14,7 +14,7 @@ except ImportError:
     raise NotInstalled("CRTK", "cyclonedds", "crtk") from None
 
 KEPT_UNREAD = 1000
-"""Messages that a subscriber keeps until they are taken; beyond them the oldest are lost."""
+"""Messages that a subscriber keeps until they are taken, if nothing else is said; beyond them the oldest are lost."""
 Message = TypeVar("Message")
 
 
@@ -34,8 +34,10 @@ class Bus(Protocol):
         """
         ...
 
-    def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
-        """Return a subscriber of a topic."""
+    def subscriber(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
+    ) -> Subscriber[Message]:
+        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
         ...
 
 
@@ -69,6 +71,10 @@ class Subscriber(Generic[Message]):
         if come:
             self.at_s, self.last = come[-1]
         return [message for _, message in come]
+
+    def senders(self) -> int:
+        """Return how many publishers it is connected to now."""
+        raise NotImplementedError
 
     def _come(self) -> list[tuple[float, Message]]:
         raise NotImplementedError

@@ -55,9 +55,11 @@ class Ros2Bus:
             quality += Qos(Policy.Lifespan(duration(seconds=kept_s)))
         return _Writer(DataWriter(self._participant, self._topic(topic, kind), qos=quality))
 
-    def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
-        """Return a subscriber of a topic."""
-        return _Reader(DataReader(self._participant, self._topic(topic, kind), qos=_quality(latched, KEPT_UNREAD)))
+    def subscriber(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
+    ) -> Subscriber[Message]:
+        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
+        return _Reader(DataReader(self._participant, self._topic(topic, kind), qos=_quality(latched, kept)), kept)
 
     def _topic(self, name: str, kind: type) -> Any:
         return Topic(self._participant, f"rt/{name.strip('/')}", kind)
@@ -89,13 +91,16 @@ class _Writer(Publisher[Message]):
 
 
 class _Reader(Subscriber[Message]):
-    def __init__(self, reader: Any):
+    def __init__(self, reader: Any, kept: int):
         super().__init__()
-        self._reader = reader
+        self._reader, self._kept = reader, kept
+
+    def senders(self) -> int:
+        return len(self._reader.get_matched_publications())
 
     def _come(self) -> list[tuple[float, Message]]:
         now_s = time.monotonic()
-        samples = self._reader.take(N=KEPT_UNREAD)
+        samples = self._reader.take(N=self._kept)
         return [(now_s, sample) for sample in samples if not isinstance(sample, InvalidSample)]
 
 

@@ -6,6 +6,7 @@ import gc
 import importlib
 import time
 
+import scipy.interpolate  # noqa: F401  # else the first motion would wait for it for a third of a second
 import trio
 
 from trocar.cell import Cell

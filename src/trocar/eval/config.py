@@ -7,13 +7,14 @@ import json
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from trocar.calibration.excitation import WIDE_ROWS
-from trocar.errors import InvalidInput, InvalidValue, UnknownName
-from trocar.eval.method import Method, pick_method, pick_perception
+from trocar.errors import BadFile, InvalidInput, InvalidValue, UnknownName
+from trocar.eval.method import Method, methods_of, pick_method, pick_perception
 from trocar.eval.task import TASKS, Task, option
 from trocar.lab import Station, load_station
 from trocar.lab.flaws import DEFAULT, Difficulty
@@ -31,7 +32,11 @@ IMAGES, JOINTS = "images", "joints"
 FITTED_ON = "cable models are fitted on"
 """Key of this source in a summary."""
 
-FOLLOWS = ("options", "variant", "goal_noun", "station_digest", "arms", "flaws", "versions")
+OF_SIMULATION = ("station", "model", "calibration", "sessions", "new_session", "refit_offsets", "flawless_camera")
+OF_SIMULATION += ("difficulty", "flaws")
+"""Options of simulated sessions, which a robot has not."""
+
+FOLLOWS = ("options", "variant", "goal_noun", "station_digest", "arms", "flaws", "versions", "robot")
 """Properties of a run that follow from its other options."""
 
 MAX_TRIALS = 100_000
@@ -88,6 +93,15 @@ class RunConfig:
     flaws: tuple[str, ...] = option(
         (), "Give a flaw another size, as registration=1.0mm; may be repeated.", flag="flaw", metavar="NAME=SIZE"
     )
+    robot: str = option(
+        "",
+        "Drive real arms instead; nothing moves without --enable-motion.",
+        metavar="KIND:STATION.toml",
+        shown="none: the simulated cell",
+    )
+    cables: tuple[str, ...] = option(
+        (), "Cable model of a real arm, for methods that compensate; may be repeated.", metavar="ARM=FILE.npz"
+    )
     plugins: tuple[str, ...] = ()
     chosen_method: Method = field(init=False, repr=False)
     laboratory: Station = field(init=False, repr=False)
@@ -97,6 +111,14 @@ class RunConfig:
         kind = type(self.task)
         method = pick_method(kind, self.method)
         self._set(chosen_method=method)
+        if self.robot:
+            from trocar.hardware.kinds import robot_of  # trio only when needed
+
+            self._refuse_simulated()
+            self._set(station=robot_of(self.robot)[1])
+        elif self.cables:
+            remedy = "a simulated session fits its own; or name arms with --robot"
+            raise InvalidInput(f"--cables {self.cables[0]}", "is of a real arm, and --robot names none", remedy)
         usual = {
             "station": kind.station,
             "method": next(iter(kind.methods)),
@@ -114,15 +136,61 @@ class RunConfig:
             raise InvalidValue("the seed", self.seed, "give 0 or more with --seed")
         if self.settings:
             method.make_settings(self.settings)
-        self._choose_model(method)
+        if not self.robot:
+            self._choose_model(method)
         PLANNERS.pick(self.planner)
         if self.perception:
             pick_perception(kind, self.perception)
         difficulty = Difficulty.of(self.difficulty, self.flaws)
         station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).require_relevant(kind.name)
         self._set(laboratory=station, arms=self.task.working_arms(station))
-        self._choose_calibration(method)
+        if self.robot:
+            self._choose_cables(method)
+        else:
+            self._choose_calibration(method)
         self._start_from_prior(method)
+
+    def _refuse_simulated(self) -> None:
+        """Refuse options of simulated sessions."""
+        for field_ in fields(self):
+            name = field_.metadata.get("flag") or field_.name
+            if field_.name in OF_SIMULATION and getattr(self, field_.name) != field_.default:
+                problem = f"is for simulated sessions, and --robot {self.robot} drives real arms"
+                raise InvalidInput(f"--{name.replace('_', '-')}", problem, "drop one of them")
+
+    def _choose_cables(self, method: Method) -> None:
+        """Check that each arm that works has the cable model that the method needs, and that none is superfluous."""
+        files = self.cable_files()
+        if method.learns:
+            self._set(model=USUAL_MODEL)
+        if files and not method.calibrated:
+            problem = f"has no effect with --method {self.method}, which takes no model"
+            raise InvalidInput(f"--cables {self.cables[0]}", problem, "drop it")
+        for arm in files:
+            if arm not in self.arms:
+                raise UnknownName("--cables: arm", arm, self.arms)
+        missing = [arm for arm in self.arms if arm not in files] if method.calibrated else []
+        if missing:
+            other = next((name for name in methods_of(type(self.task)) if not self._calibrated(name)), "")
+            problem = f"compensates the cables of {', '.join(missing)}, and no model of them is named"
+            remedy = f"give --cables {missing[0]}=FILE.npz (trocar calibrate)"
+            remedy += f", or --method {other}" if other else ""
+            raise InvalidInput(f"--method {self.method}", problem, remedy)
+
+    def _calibrated(self, method: str) -> bool:
+        return pick_method(type(self.task), method).calibrated
+
+    def cable_files(self) -> dict[str, Path]:
+        """Return the files of cable models that ``cables`` names, by arm."""
+        files = {}
+        for text in self.cables:
+            arm, equals, path = text.partition("=")
+            if not (arm and equals and path):
+                raise InvalidInput(f"--cables {text}", "is not ARM=FILE.npz", "give it as psm1=cables_psm1.npz")
+            if not Path(path).is_file():
+                raise BadFile(path, "does not exist", "make one with `trocar calibrate`", kind="cable model")
+            files[arm] = Path(path)
+        return files
 
     def _set(self, **values: Any) -> None:
         for name, value in values.items():
@@ -180,11 +248,16 @@ class RunConfig:
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what recreates this configuration in another process, after loading the same plugins."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "task"}
+        values |= {"station": ""} if self.robot else {}
         options = {f.name: getattr(self.task, f.name) for f in fields(self.task)}  # type: ignore[arg-type]
         return _made_again, (self.task.name, options, values)
 
     def about(self) -> dict[str, Any]:
         """Return as JSON what distinguishes this run from others: all but the numbers of sessions and trials."""
+        of_robot: dict[str, Any] = {}
+        if self.robot:  # nothing was drawn, and a robot's flaws are its own
+            of_robot = {"robot": self.robot.partition(":")[0], "difficulty": [], "calibration": None, "model": None}
+            of_robot["cables"] = {arm: _digest(path) for arm, path in self.cable_files().items()}
         return {
             "task": self.task.name,
             "variant": self.task.variant,
@@ -208,6 +281,7 @@ class RunConfig:
             "plugins": [load_plugin(path) for path in self.plugins],
             "flaws": self._flaws(),
             "versions": versions(),
+            **of_robot,
         }
 
     @property
@@ -216,6 +290,8 @@ class RunConfig:
         return [self.difficulty, *self.laboratory.difficulty.named]
 
     def _flaws(self) -> dict[str, str]:
+        if self.robot:
+            return {f"cables of {arm}": f"corrected by {path.name}" for arm, path in self.cable_files().items()}
         flaws = self.laboratory.flaws(type(self.task).name, self.flawless_camera)
         if self.chosen_method.calibrated:
             how = "spheres seen in images" if self.calibration == IMAGES else "joints with drawn noise"
@@ -233,7 +309,10 @@ class RunConfig:
         """Return the options that differ from the defaults of its task, method and seed."""
         kind = type(self.task)
         required = {f.name: getattr(self.task, f.name) for f in fields(kind) if f.default is MISSING}  # type: ignore[arg-type]
-        usual = RunConfig(kind(**required), station=self.station, method=self.method, seed=self.seed)
+        where: dict[str, Any] = (
+            {"robot": self.robot, "cables": self.cables} if self.robot else {"station": self.station}
+        )
+        usual = RunConfig(kind(**required), method=self.method, seed=self.seed, **where)
         found = {**self._chosen(), "station": self.station, "plugins": self.plugins}
         ordinary = {**usual._chosen(), "station": kind.station, "plugins": ()} | dict.fromkeys(required)
         return {name: value for name, value in found.items() if value != ordinary[name]}
@@ -254,6 +333,10 @@ class RunConfig:
     def seeds(self, session: int, *stream: int) -> np.random.SeedSequence:
         """Return the seeds of one of a session's streams."""
         return np.random.SeedSequence([self.seed, session, *stream])
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def _made_again(task: str, options: dict[str, Any], values: dict[str, Any]) -> RunConfig:

@@ -8,13 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image as Picture
 
+from trocar.calibration.fleet import FleetPrior
+from trocar.calibration.models import CableModel
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval.config import TRIALS, RunConfig
@@ -24,11 +26,11 @@ from trocar.eval.scenery import Scenery
 from trocar.eval.task import Score, Task
 from trocar.eval.trial import Trial
 from trocar.lab import SensorFlaws
+from trocar.lab.laboratory import Laboratory
 from trocar.log import machine_speed
 from trocar.motion import PLANNERS
-from trocar.perception.image import RgbdImage
+from trocar.perception.image import Image, RgbdImage
 from trocar.robots import TICK_S, Adaptive, Compensated
-from trocar.sim.cameras import SimCamera
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.record import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
@@ -48,8 +50,18 @@ PACKED = 3
 Listener = Callable[[Mapping[str, object]], None]
 
 
+@runtime_checkable
+class Photographer(Protocol):
+    """A camera that keeps its images."""
+
+    @property
+    def taken(self) -> Sequence[Image]:
+        """Return all whole images that it took."""
+        ...
+
+
 @dataclass(frozen=True)
-class _End:
+class End:
     """How a script ended, why in a sentence, and where in the code if it raised an exception."""
 
     outcome: str = DONE
@@ -85,7 +97,7 @@ def run_trial(
         listener=listener,
     )
     if prepared.models:
-        laboratory.wrap_robot(lambda cell: _compensated(config, prepared, cell))
+        laboratory.wrap_robot(lambda cell: compensated(config, prepared.models, prepared.priors, cell))
     settings = method.make_settings(config.settings)
     if method.wrap_robot is not None:
         laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
@@ -101,7 +113,7 @@ def run_trial(
     )
     solids, fixed = solids_of(laboratory.world), fixed_poses(laboratory.world)
     try:
-        end = _play(laboratory, method, context, task.budget_s, raise_errors)
+        end = play_agent(laboratory, method, context, task.budget_s, raise_errors)
     except Exception as error:
         error.add_note(f"in session {prepared.number}, trial {index} of seed {config.seed}, method {config.method!r}")
         raise
@@ -149,18 +161,20 @@ def run_trial(
     )
 
 
-def _compensated(config: RunConfig, prepared: Prepared, cell: Cell) -> Compensated:
-    """Return the cell's robot with its cables compensated."""
+def compensated(
+    config: RunConfig, models: Mapping[str, CableModel], priors: Mapping[str, FleetPrior], cell: Cell
+) -> Compensated:
+    """Return a cell's robot with its cables compensated; it learns if there are priors."""
     limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
-    wrapped = cell.robot, cell.arms, prepared.models, limits, cell.clock, cell.log
-    if prepared.priors:
-        return Adaptive(*wrapped, priors=prepared.priors)
+    wrapped = cell.robot, cell.arms, models, limits, cell.clock, cell.log
+    if priors:
+        return Adaptive(*wrapped, priors=priors)
     return Compensated(*wrapped, stop_at_limits=config.chosen_method.stop_at_limits)
 
 
-def _play(
-    laboratory: SimLaboratory, method: Method, context: AgentContext, budget_s: float, raise_errors: bool
-) -> _End:
+def play_agent(
+    laboratory: Laboratory, method: Method, context: AgentContext, budget_s: float, raise_errors: bool
+) -> End:
     """Make an agent and run it; return how it ended."""
     try:
         agent = method.make_agent(context)
@@ -168,17 +182,17 @@ def _play(
     except PhysicsError:
         raise
     except (TrocarError, OSError) as error:  # refused by the guard, or a device that does not answer
-        return _End(FAULT, str(error))
+        return End(FAULT, str(error))
     except SystemExit as error:
-        return _End(FAULT, f"the script tried to exit the program (exit code {error.code})")
+        return End(FAULT, f"the script tried to exit the program (exit code {error.code})")
     except Exception as error:
         if raise_errors:
             raise
         frame = traceback.extract_tb(error.__traceback__)[-1]
         line = f"{Path(frame.filename).name}, line {frame.lineno}"
         reason = f"the agent raised {type(error).__name__}: {error} ({line})"
-        return _End(AGENT_ERROR, reason, "".join(traceback.format_exception(error)))
-    return _End() if in_time else _End(OUT_OF_TIME, f"the script had not finished after {budget_s:g} s")
+        return End(AGENT_ERROR, reason, "".join(traceback.format_exception(error)))
+    return End() if in_time else End(OUT_OF_TIME, f"the script had not finished after {budget_s:g} s")
 
 
 def _scored(task: Task, truth: Any, events: Sequence[Mapping[str, Any]]) -> Sequence[Score]:
@@ -197,7 +211,7 @@ def plain(settings: Any) -> Any:
     return settings.tolist() if isinstance(settings, np.ndarray) else settings
 
 
-def encoded(cameras: Mapping[str, SimCamera]) -> tuple[dict[str, bytes], dict[str, list[tuple[float, str]]]]:
+def encoded(cameras: Mapping[str, Photographer]) -> tuple[dict[str, bytes], dict[str, list[tuple[float, str]]]]:
     """Return the cameras' images as files by name, and for each camera the times and names of its images.
 
     Colour is WebP. Depth is a 16-bit PNG in mm, 0 where there was none, beside it under ``NAME_depth.png``.
@@ -221,5 +235,5 @@ def encoded(cameras: Mapping[str, SimCamera]) -> tuple[dict[str, bytes], dict[st
 def _webp(color: NDArray[np.uint8]) -> bytes:
     """Return a picture (h, w, 3) as a file; OpenCV would not let us choose the effort."""
     file = BytesIO()
-    Image.fromarray(color).save(file, "webp", quality=QUALITY, method=EFFORT)
+    Picture.fromarray(color).save(file, "webp", quality=QUALITY, method=EFFORT)
     return file.getvalue()

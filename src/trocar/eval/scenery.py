@@ -26,7 +26,7 @@ class Scenery:
         solids: everything visible.
         T_world_body: poses of the bodies that never move.
         arms: model of each arm by name.
-        T_world_base: where each arm truly stood.
+        T_world_base: where each arm truly stood; empty if nobody knows.
         T_world_base_registered: where registration found it.
         cameras: name to the names of its images' blobs and their times: ``[[time_s, blob], ...]``.
         tick_s: time between two rows of a trial's arrays.
@@ -77,12 +77,13 @@ class Scenery:
         bodies: dict[str, SE3] = dict(self.T_world_body)
         tools: dict[str, ToolPath] = {}
         for name, arm in self.arms.items():
-            true = arrays[f"true_{name}"].astype(np.float64)
-            bodies |= link_poses(name, arm, self.T_world_base[name], true)
-            desired = arrays.get(f"desired_{name}", true).astype(np.float64)
+            kind, base = ("measured", self.T_world_base_registered) if trial.on_robot else ("true", self.T_world_base)
+            driven = arrays[f"{kind}_{name}"].astype(np.float64)
+            bodies |= link_poses(name, arm, base[name], driven)
+            desired = arrays.get(f"desired_{name}", driven).astype(np.float64)
             tools[name] = ToolPath(
                 (self.T_world_base_registered[name] @ fk(arm, desired[:, :6])).translation_m,
-                (self.T_world_base[name] @ fk(arm, true[:, :6])).translation_m,
+                (base[name] @ fk(arm, driven[:, :6])).translation_m,
             )
         for key, rows in arrays.items():
             if key.startswith("body_"):
@@ -90,7 +91,8 @@ class Scenery:
                 bodies[key.removeprefix("body_")] = SE3.from_parts(SO3.from_quaternion(rows[:, 3:]), rows[:, :3])
         kinds = ("desired", "commanded", "measured", "true")
         return Replay(
-            title=" ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key)),
+            title=" ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key))
+            + (" on a robot, as its encoders read" if trial.on_robot else ""),
             times_s=trial.times_s,
             solids=self.solids,
             T_world_body=bodies,

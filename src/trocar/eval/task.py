@@ -140,6 +140,16 @@ class Task:
         """
         raise self._lacks("score(truth, events)")
 
+    def told(self, events: Sequence[Mapping[str, Any]]) -> Sequence[Score]:
+        """Return one score for each goal, in order, as the script itself noted them: where no referee sees the truth.
+
+        Raises:
+            InvalidInput: this task needs a referee.
+        """
+        del events
+        problem = "has no way to count goals without a referee, which a robot has not"
+        raise InvalidInput(f"task {self.name!r}", problem, "give its class a method told(events)")
+
     def calibration(self, station: Station, arm: str) -> MotionBox:
         """Return where the motion of a calibration recording should go: as the station says, by default."""
         return station.calibration_box(arm)

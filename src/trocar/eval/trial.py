@@ -51,8 +51,9 @@ class Trial:
     of computations lie beside it, in ``.timing.json``.
 
     Attributes:
-        about: what distinguishes its run from others, its number, settings, versions; ``fingerprint`` sums that up.
-        scores: one dict per goal (the task's ``Score``).
+        about: what distinguishes its run from others, its number, settings, versions; ``fingerprint`` sums that up. Of
+            a trial on real arms also ``robot``, and ``tally``: how many goals a person counted, None if nobody did.
+        scores: one dict per goal (the task's ``Score``); on real arms what the script itself said, see ``on_robot``.
         spans: of the scripts.
         events: of the scripts.
         collisions: dicts (``trocar.sim.record.Collision``).
@@ -61,7 +62,8 @@ class Trial:
         duration_s: on the trial's clock.
         command_limit_use: largest share of the velocity and acceleration limits in each arm's commands.
         arrays: (n, 7) ``desired_ARM``, ``commanded_ARM``, ``measured_ARM``, ``true_ARM`` (six joints and the jaw) and
-            ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, and the task's own.
+            ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, and the task's own. On
+            real arms nobody knows ``true_ARM``, bodies and collisions: they are not there.
         scenery: solids, arms and where they stand.
         images: as the cameras took them, and when.
         computations: real times; not in the file.
@@ -109,6 +111,11 @@ class Trial:
         return self.ended == "done"
 
     @property
+    def on_robot(self) -> bool:
+        """Return whether real arms did it: without a referee, so that nothing of it is the truth."""
+        return bool(self.about.get("robot"))
+
+    @property
     def goal_noun(self) -> str:
         """Return what one of its goals is called."""
         return str(self.about["goal_noun"])
@@ -122,7 +129,7 @@ class Trial:
     @property
     def times_s(self) -> NDArray[np.float64]:
         """Return the times (n,) of the rows of its arrays: 100 Hz from 0 s on."""
-        rows = max((len(array) for name, array in self.arrays.items() if name.startswith("true_")), default=0)
+        rows = max((len(array) for name, array in self.arrays.items() if name.startswith("measured_")), default=0)
         return self.scenery.tick_s * np.arange(rows, dtype=np.float64)
 
     def noted(self) -> Trial:
@@ -243,9 +250,10 @@ def _notes(values: Any, kinds: Mapping[str, Any]) -> Notes:
 
 def _check(trial: Trial, path: Path) -> None:
     """Raise a sentence if the arrays of a trial cannot be what their names say."""
+    known = "measured" if trial.on_robot else "true"
     for arm in trial.scenery.arms:
-        if f"true_{arm}" not in trial.arrays:
-            raise BadFile(path, f"is damaged: it lacks 'true_{arm}'")
+        if f"{known}_{arm}" not in trial.arrays:
+            raise BadFile(path, f"is damaged: it lacks '{known}_{arm}'")
     rows = len(trial.times_s)
     for name, array in trial.arrays.items():
         sampled = name.startswith(("desired_", "commanded_", "measured_", "true_", "body_"))

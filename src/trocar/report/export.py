@@ -268,7 +268,8 @@ def _rows_of(trial: Trial) -> dict[str, list[tuple[Any, ...]]]:
     place = about["session"], about["index"]
     counts = [score for score in trial.scores if score["attempted"]]
     how = (about["seed"], about["fingerprint"], " ".join(about["arms"]), trial.ended, trial.reason, trial.duration_s)
-    came_to = len(counts), sum(score["succeeded"] for score in counts), len(trial.collisions)
+    hits = None if trial.on_robot else len(trial.collisions)
+    came_to = len(counts), sum(score["succeeded"] for score in counts), hits
     rows: dict[str, list[tuple[Any, ...]]] = {
         "trials": [(*place, *(about[name] for name in _OF_RUN), *how, *came_to)],
         "goals": [],

@@ -55,10 +55,12 @@ def write_report(
     summary = summarise(trials, report)
     make_folder(folder)
     files = [write_json(folder / "summary.json", summary, "summary of a run")]
-    storyboard, timechart = _pictures(folder, trials, report)
+    blind = first.on_robot  # nobody knows where bodies were, so there is nothing to photograph
+    storyboard, timechart = _chart(folder, first) if blind else _pictures(folder, trials, report)
     noted = [trial.noted() for trial in trials]
     failed = failed_goals(noted, report)
-    failed_pictures = draw_failed(folder / "failed", trials, picked(failed, MOST_FAILED), report, can_photograph())
+    shown = [] if blind else picked(failed, MOST_FAILED)
+    failed_pictures = draw_failed(folder / "failed", trials, shown, report, can_photograph())
     if find_spec("viser") is not None:
         from trocar.view.replay import write_replay  # an extra
 
@@ -118,9 +120,17 @@ def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> tupl
     for path in report.pictures(folder, trials):
         said = next((text for name, text in report.captions.items() if path.stem.startswith(name)), path.stem)
         found.append(Captioned(path, f"Chart: {said}", said))
-    chart = draw_timechart(first, folder / "timechart.png", title=f"Time chart, {what}")
-    said = f"Where the time went in {place}: a row for each {first.goal_noun} and arm, a bar for each step"
-    return found, Captioned(chart, f"Chart: {said}", said)
+    return found, _chart(folder, first)[1]
+
+
+def _chart(folder: Path, trial: Trial) -> tuple[list[Captioned], Captioned | None]:
+    """Draw where the time of a trial went; no other picture."""
+    if not trial.spans:
+        return [], None
+    what = ", ".join(str(trial.about[key]) for key in ("task", "variant", "method") if trial.about[key])
+    chart = draw_timechart(trial, folder / "timechart.png", title=f"Time chart, {what}")
+    said = f"Where the time went in {place_of(trial)}: a row for each {trial.goal_noun} and arm, a bar for each step"
+    return [], Captioned(chart, f"Chart: {said}", said)
 
 
 def _there(trials: Sequence[Trial]) -> tuple[int, int]:

@@ -20,12 +20,14 @@ from trocar.report.stills import Failed
 from trocar.report.summary import MISSED_WARNING
 from trocar.report.tables import (
     failures_table,
+    figure,
     goals_table,
     parts_table,
     percent,
     run_table,
     table_of,
     trials_table,
+    where_of,
 )
 
 REPLAY = "replay.html"
@@ -94,7 +96,7 @@ def write_page(
         f"{counted(summary['trials'], 'trial')} in {counted(summary['sessions'], 'session')} at station "
         f"{summary['station']}, seed {summary['seed']}{model}, planner {summary['planner']}."
     )
-    sub = [where, "Simulated. Research use only, not a medical device."]
+    sub = [where, f"{where_of(summary).capitalize()}. Research use only, not a medical device."]
     return write_text(path, document(f"{title[:1].upper()}{title[1:]}", sub, parts), "report")
 
 
@@ -113,7 +115,7 @@ def _headline(summary: Mapping[str, Any]) -> str:
             "-" if mean_s is None else f"{mean_s:.2f} s",
             f"a whole trial: {whole['mean']:.1f}{spread} s",
         ),
-        ("collisions per trial", f"{summary['collisions_per_trial']:.2f}", counted(summary["trials"], "trial")),
+        ("collisions per trial", figure(summary["collisions_per_trial"]), counted(summary["trials"], "trial")),
         ("complete trials", complete, f"in which every {noun} succeeded"),
     )
     inside = "".join(
@@ -235,6 +237,10 @@ def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
             words += [f"--{name}", about[name]]
     for setting in about["set"]:
         words += ["--set", setting]
+    if about.get("robot"):
+        words += ["--robot", f"{about['robot']}:{FILE}"]
+        words += [word for arm in about["cables"] for word in ("--cables", f"{arm}={FILE}")]
+        return shlex.join([*words, "--trials", str(trials), "--seed", str(about["seed"]), "--enable-motion"])
     words += _station(task, about)
     level, *named = map(str, about["difficulty"] or [DEFAULT])
     words += ["--difficulty", level] if level != DEFAULT else []

@@ -49,7 +49,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
     report = report or TaskReport()
     added = report.summary(trials)
     trials = [trial.noted() for trial in trials]
-    about = trials[0].about
+    about, robot = trials[0].about, trials[0].on_robot
     scores = [score for trial in trials for score in trial.scores]
     attempted = [score for score in scores if score["attempted"]]
     done, count = sum(bool(score["succeeded"]) for score in attempted), len(attempted)
@@ -75,7 +75,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
             "mean_time_s": total_s / count if count else None,
             "completion_time_s": {"mean": durations.mean, "sd": durations.sd if len(trials) > 1 else None},
             "parts_s": _parts(trials, count, report.parts),
-            "collisions_per_trial": sum(len(trial.collisions) for trial in trials) / len(trials),
+            "collisions_per_trial": None if robot else sum(len(trial.collisions) for trial in trials) / len(trials),
             "failures": dict(Counter(str(score["failure"]) for score in attempted if score["failure"])),
             "command_limit_use": {"velocity": use[0], "acceleration": use[1]},
             "compute_ms": compute,
@@ -85,9 +85,16 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
             "flaws": about["flaws"],
             "versions": about["versions"],
             "fingerprint": about["fingerprint"],
+            **({"robot": about["robot"], "tally": _tally(trials)} if robot else {}),
             **added,
         }
     )
+
+
+def _tally(trials: Sequence[Trial]) -> int | None:
+    """Return how many goals a person counted; None unless somebody did in every trial."""
+    counts = [trial.about.get("tally") for trial in trials]
+    return sum(counts) if all(isinstance(count, int) for count in counts) else None  # type: ignore[arg-type]
 
 
 def _by_session(trials: Sequence[Trial]) -> tuple[list[int], list[int]]:

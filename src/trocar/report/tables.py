@@ -35,6 +35,8 @@ def table_of(
 
 def brief_flaws(flaws: Mapping[str, str]) -> str:
     """Return the difficulty of a run's laboratory and only what differs from it; ``flaws`` as in ``summary.json``."""
+    if "difficulty" not in flaws:
+        return "; ".join(["a real robot: its flaws are its own", *(f"{what} {how}" for what, how in flaws.items())])
     level, *named = flaws["difficulty"].split(", ")
     said = [f"difficulty {level}" + (f" except for {', '.join(named)}" if named else "")]
     said += [f"{what} {how}" for what, how in flaws.items() if how == "switched off"]
@@ -56,7 +58,7 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs
     table = table_of(
         ("who", *numbers),
         (),
-        title=", ".join(text for text in (summary["task"], summary["variant"], how_many, "simulated") if text),
+        title=", ".join(text for text in (summary["task"], summary["variant"], how_many, where_of(summary)) if text),
         caption="intervals of our rows count sessions" + ("; the paper's count attempts" if paper else ""),
         right=numbers,
     )
@@ -73,14 +75,26 @@ def run_table(summary: Mapping[str, Any], paper: Sequence[PaperRow] = (), theirs
     return table
 
 
+def where_of(summary: Mapping[str, Any]) -> str:
+    """Return where a run took place, and who counted."""
+    return "on a robot, as its script says" if summary.get("robot") else "simulated"
+
+
 def headline(summary: Mapping[str, Any]) -> str:
     """Return a run in one sentence: how much of it succeeded, and how certain that is."""
     low, high = summary["success_ci95"]
     return (
         f"{summary['task']}, {_method(summary)}: {summary['succeeded']} of "
         f"{counted(summary['attempted'], summary['goal_noun'])}, 95 % interval {percent(low)} to {percent(high)}, in "
-        f"{counted(summary['trials'], 'trial')} of {counted(summary['sessions'], 'session')}"
+        f"{counted(summary['trials'], 'trial')} of {counted(summary['sessions'], 'session')}" + _who_counted(summary)
     )
+
+
+def _who_counted(summary: Mapping[str, Any]) -> str:
+    if not summary.get("robot"):
+        return ""
+    tally = summary["tally"]
+    return "; the script says so, " + ("nobody counted" if tally is None else f"a person counted {tally}")
 
 
 def parts_table(summary: Mapping[str, Any]) -> Table:
@@ -155,7 +169,8 @@ def trials_table(trials: Sequence[Trial]) -> Table:
         stopped = "" if trial.finished else f"stopped: {in_words(trial.ended)}"
         place = f"{trial.about['session']}, {trial.about['index']}"
         said = "; ".join(filter(None, (named_failures(attempted), stopped)))
-        rows.append((place, _how_many(attempted), f"{trial.duration_s:.1f}", str(len(trial.collisions)), said))
+        hits = "-" if trial.on_robot else str(len(trial.collisions))
+        rows.append((place, _how_many(attempted), f"{trial.duration_s:.1f}", hits, said))
     return table_of(
         ("session, trial", f"{trials[0].goal_noun}s done", "time s", "collisions", "failures"),
         rows,

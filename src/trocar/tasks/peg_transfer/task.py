@@ -14,7 +14,7 @@ from trocar.lab import Station
 from trocar.registry import Lazy
 from trocar.tasks.peg_transfer.goals import GOALS, PegSet, Transfer
 from trocar.tasks.peg_transfer.scene import PegScene, draw_scene
-from trocar.tasks.peg_transfer.truth import PegTruth, TransferScore, score_transfers
+from trocar.tasks.peg_transfer.truth import PegTruth, TransferScore, score_transfers, told_transfers
 
 if TYPE_CHECKING:
     from trocar.sim.world import TaskWorld
@@ -113,3 +113,7 @@ class PegTransfer(Task):
     def score(self, truth: PegTruth, events: Sequence[Mapping[str, Any]]) -> list[TransferScore]:
         """Return one score for each of the transfers."""
         return score_transfers(self.goals(), truth, events, handover=self.variant == "handover")
+
+    def told(self, events: Sequence[Mapping[str, Any]]) -> list[TransferScore]:
+        """Return one score for each of the transfers, as the script noted them."""
+        return told_transfers(self.goals(), events)

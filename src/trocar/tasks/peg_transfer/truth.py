@@ -129,6 +129,24 @@ def score_transfers(
     return scores
 
 
+def told_transfers(goals: Sequence[Transfer], events: Sequence[Mapping[str, Any]]) -> list[TransferScore]:
+    """Return one score for each goal, in order, as the script noted it: nobody else saw where the blocks went."""
+    scores: list[TransferScore] = []
+    end_s = max((float(event["time_s"]) for event in events), default=0.0)
+    for goal in goals:
+        noted = next((event for event in reversed(events) if _is_of(event, goal)), None)
+        if noted is None:
+            failure, reason = agent_explanation(None, events) or (TransferOutcome.NOT_MOVED.name, "nothing was noted")
+            scores.append(TransferScore(True, False, failure, reason, end_s, end_s, *goal, available=True))
+            continue
+        done = noted.get("outcome") == TransferOutcome.DONE.name
+        failure, reason = ("", "") if done else agent_explanation(noted, events) or ("", "")
+        times = float(noted.get("start_s", noted["time_s"])), float(noted["time_s"])
+        seen = failure != TransferOutcome.NO_BLOCK.name
+        scores.append(TransferScore(True, done, failure, reason, *times, *goal, available=seen))
+    return scores
+
+
 def stays_of(truth: PegTruth, block: int) -> list[Stay]:
     """Return the stays of one block in order; a flicker does not end one."""
     peg = truth.pegs()[:, block]

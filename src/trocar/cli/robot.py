@@ -1,0 +1,102 @@
+"""``trocar run TASK --robot KIND:STATION.toml``: a person is told what will move, and asked; then arms move."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import typer
+
+from trocar.cli.out_folder import default_folder
+from trocar.cli.report import finish
+from trocar.cli.terminal import beside
+from trocar.errors import InvalidInput
+from trocar.eval.config import RunConfig
+from trocar.lab import Station
+
+
+def run_robot(
+    config: RunConfig, out: Path | None, *, enable_motion: bool, yes: bool, strict: bool, as_json: bool
+) -> None:
+    """Run the trials of a run that are still to do, one after the other, and report on them.
+
+    Raises:
+        InvalidInput: motion is not enabled, or nobody is there to ask.
+    """
+    from trocar.eval.folder import open_folder, set_aside
+    from trocar.eval.on_robot import STOPPED, run_on_robot
+    from trocar.eval.trial import trial_file
+
+    asks = sys.stdin.isatty() and not yes and not as_json
+    for line in about_motion(config):
+        typer.echo(line, err=True)  # whatever --quiet says
+    if not enable_motion:
+        raise InvalidInput(
+            f"--robot {config.robot}", "moves real arms, and motion is not enabled", "add --enable-motion"
+        )
+    if not (asks or yes):
+        raise InvalidInput(
+            f"--robot {config.robot}", "asks before arms move, and nobody is there to answer", "add --yes"
+        )
+    folder = out or default_folder(f"{config.task.name}-{config.method}-{config.seed}", config.unusual)
+    todo, stopped = open_folder(config, folder), False
+    for session, index in todo:
+        if asks and not typer.confirm(f"trial {index}: is the table ready, and may the arms move?", err=True):
+            break
+        trial = run_on_robot(config, index, _tell)
+        if asks:
+            trial.about["tally"] = _tally(len(trial.scores), trial.goal_noun)
+        path = trial_file(folder, session, index)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        set_aside(path)
+        trial.save(path)
+        stopped = trial.ended == STOPPED
+        if stopped:
+            break
+    all_succeeded = finish(folder, as_json, interrupted=stopped)
+    if stopped or (strict and not all_succeeded):
+        raise typer.Exit(130 if stopped else 1)
+
+
+def about_motion(config: RunConfig) -> Iterator[str]:
+    """Yield in sentences what will move, where, and how fast."""
+    from trocar.hardware.kinds import robot_of
+
+    kind, _ = robot_of(config.robot)
+    station: Station = config.laboratory
+    yield f"{config.task.name}, method {config.method}, at station {station.name!r}: {kind.about}"
+    for name, arm in station.arms.items():
+        does = "works" if name in config.arms else "is held where it is"
+        speeds = ", ".join(
+            f"{joint.name} {speed:.3g} {joint.unit}/s"
+            for joint, speed in zip(arm.model.joints, arm.limits.velocity, strict=True)
+        )
+        yield f"  {name} {does}: {kind.where(station, name)}; at most {speeds}"
+        yield f"    its tip stays {_box(arm.workspace_m)}"
+
+
+def _box(corners_m: np.ndarray | None) -> str:
+    if corners_m is None:
+        return "anywhere in its reach: the station's file has no box for it"
+    sides = zip("xyz", *(1e3 * corners_m), strict=True)
+    return "inside " + ", ".join(f"{axis} {low:.0f} to {high:.0f} mm" for axis, low, high in sides) + " of the world"
+
+
+def _tell(event: Mapping[str, object]) -> None:
+    told = {key: value for key, value in event.items() if key in ("arm", "goal", "outcome", "reason", "fault")}
+    said = ", ".join(f"{key} {value}" for key, value in told.items())
+    beside().print(f"{event['time_s']:.1f} s: {event['name']}: {said}", soft_wrap=True, markup=False, highlight=False)
+
+
+def _tally(goals: int, noun: str) -> int | None:
+    """Return how many goals a person counted; None: nobody did."""
+    while True:
+        said = typer.prompt(
+            f"how many {noun}s were done? 0 to {goals}, or nothing", default="", err=True, show_default=False
+        )
+        if not said:
+            return None
+        if said.isdecimal() and int(said) <= goals:
+            return int(said)

@@ -1,0 +1,127 @@
+"""Runs trials of a task on real arms: no session is drawn, and nobody but the script says what became of its goals."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+
+import numpy as np
+
+from trocar.calibration.fleet import FleetPrior, expected, load_prior
+from trocar.calibration.models import CableModel, load_model
+from trocar.eval.config import TRIALS, RunConfig
+from trocar.eval.method import AgentContext, pick_perception
+from trocar.eval.run import DONE, End, Listener, Photographer, compensated, encoded, plain, play_agent
+from trocar.eval.scenery import Scenery
+from trocar.eval.trial import Trial
+from trocar.hardware.kinds import robot_of
+from trocar.hardware.laboratory import HardwareLaboratory, registered
+from trocar.log import machine_speed
+from trocar.motion import PLANNERS
+from trocar.robots import TICK_S
+
+STOPPED = "STOPPED"
+"""How a trial ended that a person stopped."""
+SESSION = 0
+"""Number of the only session of a robot's run."""
+
+
+def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None) -> Trial:
+    """Connect the arms, run one trial, leave the arms holding; return the trial, whatever ended it.
+
+    What nobody knows is not in it: no true joints, no bodies, no collisions. Its scores are what the script itself
+    noted (``Task.told``), and it says so (``Trial.on_robot``).
+
+    Args:
+        config: of the run, with ``robot``.
+        index: of the trial.
+        listener: called with each event of the scripts.
+
+    Raises:
+        TrocarError: an arm or a camera cannot be connected; nothing has moved then.
+    """
+    began, method = time.perf_counter(), config.chosen_method
+    config.task.told([])  # a task that needs a referee says so before anything moves
+    models, priors = models_of(config)
+    kind, _ = robot_of(config.robot)
+    with kind.connect(config.laboratory, listener) as laboratory:
+        if models:
+            laboratory.wrap_robot(lambda cell: compensated(config, models, priors, cell))
+        settings = method.make_settings(config.settings)
+        if method.wrap_robot is not None:
+            laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
+        context = AgentContext(
+            cell=laboratory.cell,
+            goals=config.task.goals(),
+            nominal=config.task.nominal(),
+            arms=config.arms,
+            planner=PLANNERS[config.planner],
+            perception=pick_perception(type(config.task), config.perception) if config.perception else None,
+            rng=np.random.default_rng(config.seeds(SESSION, TRIALS, index)),
+            settings=settings,
+        )
+        try:
+            end = play_agent(laboratory, method, context, config.task.budget_s, raise_errors=False)
+        except KeyboardInterrupt:
+            end = End(STOPPED, "a person stopped it (Ctrl-C)")
+        if end.outcome != DONE:
+            more = {"traceback": end.where} if end.where else {}
+            laboratory.log.event("stopped", outcome=end.outcome, reason=end.reason, **more)
+        return _trial(config, index, laboratory, end, plain(settings), time.perf_counter() - began)
+
+
+def models_of(config: RunConfig) -> tuple[dict[str, CableModel], dict[str, FleetPrior]]:
+    """Return the cable models of the arms that work, and the priors if the method learns.
+
+    Raises:
+        BadFile: a file is no cable model.
+    """
+    if config.chosen_method.learns:
+        prior = load_prior(config.prior)
+        station, task = config.laboratory, config.task
+        return {arm: expected(prior, task.calibration(station, arm)) for arm in config.arms}, dict.fromkeys(
+            config.arms, prior
+        )
+    return {arm: load_model(path) for arm, path in config.cable_files().items()}, {}
+
+
+def _trial(
+    config: RunConfig, index: int, laboratory: HardwareLaboratory, end: End, settings: object, wall_s: float
+) -> Trial:
+    station, robot, log = config.laboratory, laboratory.robot, laboratory.log
+    lead_s = robot.settings.lead_ticks * robot.settings.tick_s
+    arrays = laboratory.record.arrays(robot.origin_s, lead_s)
+    kept = {name: camera for name, camera in laboratory.cameras.items() if isinstance(camera, Photographer)}
+    blobs, cameras = encoded(kept)
+    return Trial(
+        about={
+            **config.about(),
+            "fingerprint": config.fingerprint,
+            "session": SESSION,
+            "index": index,
+            "tally": None,
+            "settings": settings,
+        },
+        scores=[asdict(score) for score in config.task.told(log.events)],
+        spans=log.spans,
+        events=log.events,
+        collisions=[],
+        ended=end.outcome,
+        reason=end.reason,
+        duration_s=round(laboratory.cell.clock.now_s(), 6),
+        command_limit_use={arm: robot.limit_use(arm) for arm in station.arms},
+        arrays={name: rows.astype(np.float32) for name, rows in arrays.items()},
+        scenery=Scenery(
+            solids=(),
+            T_world_body={},
+            arms=station.models,
+            T_world_base={},
+            T_world_base_registered={name: registered(arm) for name, arm in station.arms.items()},
+            cameras=cameras,
+            tick_s=TICK_S,
+        ),
+        images=blobs,
+        computations=log.computations,
+        machine_speed=machine_speed(),
+        wall_s=wall_s,
+    )
