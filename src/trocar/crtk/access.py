@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable, Sequence
 from functools import cache
 from typing import Any, TypeVar
 
-from trocar.crtk.bus import Bus, Client, Endpoint, Publisher, Subscriber
+from trocar.crtk.bus import KEPT_UNREAD, Bus, Client, Endpoint, Publisher, Subscriber
 from trocar.lab.topics import LOOPBACK
 
 ANYBODY = "*"
@@ -75,9 +75,11 @@ class AccessBus:
         """Return a publisher of a topic."""
         return self._bus.publisher(topic, kind, latched=latched)
 
-    def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
+    def subscriber(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
+    ) -> Subscriber[Message]:
         """Return a subscriber of a topic, which hears those who may command."""
-        inner, arm = self._bus.subscriber(topic, kind, latched=latched), self._arm_of(topic)
+        inner, arm = self._bus.subscriber(topic, kind, latched=latched, kept=kept), self._arm_of(topic)
         return inner if arm is None else _Admitting(inner, self, arm, topic)
 
     def endpoints(self) -> list[Endpoint]:
@@ -126,6 +128,9 @@ class _Admitting(Subscriber[Message]):
     def __init__(self, inner: Subscriber[Message], access: AccessBus, arm: str, topic: str):
         super().__init__()
         self._inner, self._access, self._arm, self._topic = inner, access, arm, topic
+
+    def senders(self) -> int:
+        return self._inner.senders()
 
     def _come(self) -> list[tuple[float, Hashable, Message]]:
         come = self._inner._come()

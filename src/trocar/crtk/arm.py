@@ -1,56 +1,86 @@
-"""An arm that speaks CRTK, for the loop of real arms: a da Vinci Research Kit's PSM, or our own server."""
+"""An arm that speaks CRTK, for the loop of real arms: a da Vinci Research Kit's PSM, a Raven II, or our own server."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.crtk.bus import Subscriber, open_bus, stamped
-from trocar.crtk.messages import JointState, OperatingState
+from trocar.crtk.bus import Bus, Subscriber, open_bus, stamped
+from trocar.crtk.dialect import as_positions, jaw_in, jaw_topic, joint_names, joints_in, pose_kind, state_kind
+from trocar.crtk.messages import Empty, Header, JointState, StringStamped
 from trocar.errors import InvalidInput
-from trocar.hardware.arm import HardwareReading
-from trocar.lab.topics import Topics
+from trocar.hardware.arm import ArmFault, Fault, HardwareReading
+from trocar.lab.topics import Command, Dialect, Topics
 
-JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
-"""Names and order of a PSM's joints (sawIntuitiveResearchKit 2.4)."""
 CONNECT_S = 5.0
+SILENT_S = 0.05
+"""After so long without a reading it is looked at whether anybody publishes."""
+REMEMBERED = 500
+"""Stamps of what was sent, by which it is told from what others send."""
+RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3, 2.5e-3])
+"""rad and m: a Raven cuts off what an increment has beyond this (uw-biorobotics/raven2, branch crtk)."""
+STATES = {"PAUSED": Fault.PAUSED, "DISABLED": Fault.DISABLED, "FAULT": Fault.CONTROLLER}
 
 
 class CrtkArm:
-    """One arm: reads ``measured_js`` and ``jaw/measured_js``, streams ``servo_jp`` and ``jaw/servo_jp``.
+    """One arm: reads ``measured_js`` and the jaws', and streams what the station's file says.
+
+    Once it has stopped because of what the controller or somebody else did, it sends nothing more: the arm may be moved
+    by others then, and a stream that went on would take it back in one step. It has to be connected anew.
 
     Args:
         name: of the arm.
-        topics: where it is found.
+        topics: where it is found, and how it is commanded.
 
     Raises:
         InvalidInput: the arm publishes nothing, or is not enabled and homed.
     """
 
     def __init__(self, name: str, topics: Topics):
-        self._name, topic, bus = name, topics.of_arm(name), open_bus(topics)
+        self._name, self._topic, self._dialect, self._command = (
+            name,
+            topics.of_arm(name),
+            topics.dialect,
+            topics.command,
+        )
+        bus, topic = open_bus(topics), self._topic
+        jaw = jaw_topic(self._dialect, topic)
         self._bus = bus
-        self._state = bus.subscriber(f"{topic}/operating_state", OperatingState, latched=True)
+        self._state = bus.subscriber(f"{topic}/operating_state", state_kind(self._dialect), latched=True)
         self._measured = bus.subscriber(f"{topic}/measured_js", JointState)
         self._setpoint = bus.subscriber(f"{topic}/setpoint_js", JointState)
-        self._jaw_measured = bus.subscriber(f"{topic}/jaw/measured_js", JointState)
-        self._jaw_setpoint = bus.subscriber(f"{topic}/jaw/setpoint_js", JointState)
-        self._servo = bus.publisher(f"{topic}/servo_jp", JointState)
-        self._jaw_servo = bus.publisher(f"{topic}/jaw/servo_jp", JointState)
-        self._jaw_sent = np.nan
-        needed = {"operating_state": self._state, "measured_js": self._measured, "setpoint_js": self._setpoint}
-        needed |= {"jaw/measured_js": self._jaw_measured, "jaw/setpoint_js": self._jaw_setpoint}
-        deadline_s = time.monotonic() + CONNECT_S
+        self._jaw_measured = bus.subscriber(f"{jaw}/measured_js", JointState)
+        self._jaw_setpoint = bus.subscriber(f"{jaw}/setpoint_js", JointState)
+        verb = "servo_jr" if self._dialect is Dialect.RAVEN else self._command.value
+        self._out = bus.publisher(f"{topic}/{verb}", JointState)
+        self._jaw_out = bus.publisher(f"{jaw}/{self._command.value}", JointState)
+        self._others = _commands(bus, topic, jaw, topics)
+        self._sent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
+        self._last: NDArray[np.float64] | None = None  # positions that the arm has been sent to
+        self._jaw_last = np.nan
+        self._fault: ArmFault | None = None
+        self._wait_for(topics, jaw)
+        self._require_enabled()
+
+    def _wait_for(self, topics: Topics, jaw: str) -> None:
+        topic, deadline_s = self._topic, time.monotonic() + CONNECT_S
+        needed = {f"{topic}/operating_state": self._state, f"{topic}/measured_js": self._measured}
+        needed |= {f"{topic}/setpoint_js": self._setpoint}
+        needed |= {f"{jaw}/measured_js": self._jaw_measured, f"{jaw}/setpoint_js": self._jaw_setpoint}
         while any(source.last is None for source in needed.values()) and time.monotonic() < deadline_s:
             self._take()
             time.sleep(0.01)
-        silent = [f"{topic}/{name}" for name, source in needed.items() if source.last is None]
+        silent = [name for name, source in needed.items() if source.last is None]
         if silent:
             problem = f"publishes no {' and no '.join(silent)} within {CONNECT_S:g} s on {topics.interface}"
-            raise InvalidInput(f"CRTK arm {name!r}", problem, "check that it runs, its namespace, interface and domain")
-        self._require_enabled()
+            remedy = "check that it runs, its namespace, interface and domain"
+            raise InvalidInput(f"CRTK arm {self._name!r}", problem, remedy)
+        for source in self._others.values():
+            source.take()  # what others sent before this
 
     def _take(self) -> None:
         for source in (self._state, self._measured, self._setpoint, self._jaw_measured, self._jaw_setpoint):
@@ -62,43 +92,89 @@ class CrtkArm:
             said = "unknown" if state is None else f"{state.state}, {'homed' if state.is_homed else 'not homed'}"
             raise InvalidInput(f"CRTK arm {self._name!r}", f"is {said}", "enable and home it at its console")
 
-    def _joints(self, source: Subscriber[JointState], count: int) -> NDArray[np.float64]:
-        """Return a source's positions in the order of ``JOINTS``, if it names them."""
-        message = source.last
-        assert message is not None
-        position = np.array(message.position, dtype=np.float64)
-        if len(position) != count or message.header.stamp.sec == 0:
-            return np.full(count, np.nan)  # CRTK: not available
-        if count == len(JOINTS) and set(message.name) == set(JOINTS):
-            position = position[[list(message.name).index(joint) for joint in JOINTS]]
-        return position
-
     def commanded(self) -> tuple[NDArray[np.float64], float]:
         """Return what the arm's controller holds now."""
-        return self._joints(self._setpoint, 6), float(self._joints(self._jaw_setpoint, 1)[0])
+        self._take()
+        assert self._setpoint.last is not None and self._jaw_setpoint.last is not None
+        q, jaw_rad = joints_in(self._dialect, self._setpoint.last), jaw_in(self._jaw_setpoint.last)
+        self._last = np.array(as_positions(self._dialect, q, jaw_rad))
+        return q, jaw_rad
 
     def read(self) -> HardwareReading:
         """Return what the encoders read, and how long ago it came.
 
         Raises:
-            InvalidInput: the arm is not enabled any more.
+            ArmFault: nobody publishes it any more, the arm is not enabled any more, or somebody else commands it.
         """
         self._take()
-        self._require_enabled()
-        now_s = time.monotonic()
-        age_s = now_s - min(self._measured.at_s, self._jaw_measured.at_s)
-        return HardwareReading(self._joints(self._measured, 6), float(self._joints(self._jaw_measured, 1)[0]), age_s)
+        age_s = time.monotonic() - min(self._measured.at_s, self._jaw_measured.at_s)
+        self._fault = self._fault or self._found(age_s)
+        if self._fault is not None:
+            raise self._fault
+        assert self._measured.last is not None and self._jaw_measured.last is not None
+        q, jaw_rad = joints_in(self._dialect, self._measured.last), jaw_in(self._jaw_measured.last)
+        return HardwareReading(q, jaw_rad, age_s)
+
+    def _found(self, age_s: float) -> ArmFault | None:
+        """Return what is wrong."""
+        for topic, source in self._others.items():
+            foreign = [message for message in source.take() if _stamp(message) not in self._sent]
+            if foreign:
+                word = f", {foreign[0].string!r}" if isinstance(foreign[0], StringStamped) else ""
+                return ArmFault(self._name, Fault.OTHERS, f"{topic}{word}")
+        state = self._state.last
+        assert state is not None
+        if state.state != "ENABLED":
+            known = STATES.get(state.state, Fault.CONTROLLER)
+            return ArmFault(self._name, known, f"{self._topic}/operating_state is {state.state}")
+        if not state.is_homed:
+            return ArmFault(self._name, Fault.UNHOMED)
+        if age_s > SILENT_S and not (self._measured.senders() and self._jaw_measured.senders()):
+            return ArmFault(self._name, Fault.LOST, f"{self._topic}/measured_js, for {age_s:.2f} s")
+        return None
 
     def send(self, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: float) -> None:
-        """Stream a set-point; the jaws' only when it changes."""
+        """Stream a set-point; goals, increments and jaws only when they change."""
         del velocity
-        self._servo.send(JointState(stamped(), list(JOINTS), q.tolist()))
-        if jaw_rad != self._jaw_sent:
-            self._jaw_servo.send(JointState(stamped(), ["jaw"], [jaw_rad]))
-            self._jaw_sent = jaw_rad
+        if self._fault is not None:
+            return
+        to = np.array(as_positions(self._dialect, q, jaw_rad))
+        assert self._last is not None
+        if self._dialect is Dialect.RAVEN:
+            step = np.clip(to - self._last, -RAVEN_STEP, RAVEN_STEP)
+            self._last = self._last + step  # what was cut off comes with the next ones
+            if step.any():
+                self._publish(self._out, joint_names(self._dialect), step)
+            return
+        if self._command is Command.SERVO or (to != self._last).any():
+            self._publish(self._out, joint_names(self._dialect), to)
+            self._last = to
+        if jaw_rad != self._jaw_last:
+            self._publish(self._jaw_out, ("jaw",), np.array([jaw_rad]))
+            self._jaw_last = jaw_rad
+
+    def _publish(self, publisher: Any, names: tuple[str, ...], positions: NDArray[np.float64]) -> None:
+        message = JointState(stamped(), list(names), positions.tolist())
+        self._sent.append(_stamp(message))
+        publisher.send(message)
 
     def close(self) -> None:
         """Send nothing more; the controller holds its last set-point."""
+
+
+def _commands(bus: Bus, topic: str, jaw: str, topics: Topics) -> dict[str, Subscriber[Any]]:
+    """Return subscribers of all topics on which an arm can be commanded, by their names."""
+    poses = pose_kind(topics.dialect)
+    kinds: dict[str, type[Any]] = {f"{topic}/state_command": StringStamped, f"{topic}/hold": Empty}
+    kinds |= {f"{topic}/{what}": JointState for what in ("servo_jp", "servo_jr", "move_jp", "move_jr")}
+    kinds |= {f"{topic}/{what}": poses for what in ("servo_cp", "servo_cr", "move_cp")}
+    kinds |= {f"{jaw}/{what}": JointState for what in ("servo_jp", "move_jp")}
+    return {name: bus.subscriber(name, kind) for name, kind in kinds.items()}
+
+
+def _stamp(message: Any) -> tuple[int, int]:
+    header = getattr(message, "header", None)
+    return (header.stamp.sec, header.stamp.nanosec) if isinstance(header, Header) else (-1, -1)
 
 
 def connect(name: str, topics: Topics) -> CrtkArm:

@@ -16,7 +16,7 @@ except ImportError:
     raise NotInstalled("CRTK", "cyclonedds", "crtk") from None
 
 KEPT_UNREAD = 1000
-"""Messages that a subscriber keeps until they are taken; beyond them the oldest are lost."""
+"""Messages that a subscriber keeps until they are taken, if nothing else is said; beyond them the oldest are lost."""
 Message = TypeVar("Message")
 
 
@@ -63,8 +63,10 @@ class Bus(Protocol):
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
         ...
 
-    def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
-        """Return a subscriber of a topic."""
+    def subscriber(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
+    ) -> Subscriber[Message]:
+        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
         ...
 
     def endpoints(self) -> list[Endpoint]:
@@ -72,7 +74,7 @@ class Bus(Protocol):
         ...
 
     def client(self, sender: Hashable) -> Client:
-        """Return who one of a subscriber's ``senders`` is."""
+        """Return who one of a subscriber's ``sent_by`` is."""
         ...
 
 
@@ -94,21 +96,25 @@ class Subscriber(Generic[Message]):
     Attributes:
         last: the newest message so far; None before the first.
         at_s: the machine's monotonic clock when it came, or when it was taken if that is not known.
-        senders: who sent each message of the last ``take``; ``Bus.client`` tells who that is.
+        sent_by: who sent each message of the last ``take``; ``Bus.client`` tells who that is.
     """
 
     def __init__(self) -> None:
         self.last: Message | None = None
         self.at_s = 0.0
-        self.senders: list[Hashable] = []
+        self.sent_by: list[Hashable] = []
 
     def take(self) -> list[Message]:
         """Return what has come since the last call, oldest first."""
         come = self._come()
-        self.senders = [sender for _, sender, _ in come]
+        self.sent_by = [sender for _, sender, _ in come]
         if come:
             self.at_s, _, self.last = come[-1]
         return [message for _, _, message in come]
+
+    def senders(self) -> int:
+        """Return how many publishers it is connected to now."""
+        raise NotImplementedError
 
     def _come(self) -> list[tuple[float, Hashable, Message]]:
         """Return when each message came, who sent it, and the message."""

@@ -2,9 +2,10 @@
 
 # cyclonedds reads the annotations of these classes, so they are not strings here.
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from cyclonedds.idl import IdlStruct
+from cyclonedds.idl._machinery import BytesMachine
 
 if TYPE_CHECKING:
     float64: TypeAlias = float
@@ -12,8 +13,12 @@ if TYPE_CHECKING:
     uint32: TypeAlias = int
     uint8: TypeAlias = int
     sequence = list
+    nine = twelve = list[float]
+    octets: TypeAlias = bytes
 else:
-    from cyclonedds.idl.types import float64, int32, sequence, uint8, uint32
+    from cyclonedds.idl.types import array, float64, int32, sequence, uint8, uint32
+
+    nine, twelve, octets = array[float64, 9], array[float64, 12], sequence[uint8]
 
 
 @dataclass
@@ -177,10 +182,88 @@ class OperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.OperatingState_"):
 
 
 @dataclass
+class OldOperatingState(OperatingState, typename="crtk_msgs.msg.dds_.operating_state_"):
+    """The same before CRTK 1.1, which renamed it."""
+
+
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):
+    """A direction, or a way, m."""
+
+    x: float64 = 0.0
+    y: float64 = 0.0
+    z: float64 = 0.0
+
+
+@dataclass
+class Transform(IdlStruct, typename="geometry_msgs.msg.dds_.Transform_"):
+    """A pose as a transform."""
+
+    translation: Vector3 = field(default_factory=Vector3)
+    rotation: Quaternion = field(default_factory=Quaternion)
+
+
+@dataclass
+class TransformStamped(IdlStruct, typename="geometry_msgs.msg.dds_.TransformStamped_"):
+    """A pose as CRTK had it before 1.1, and as a Raven has it."""
+
+    header: Header = field(default_factory=Header)
+    child_frame_id: str = ""
+    transform: Transform = field(default_factory=Transform)
+
+
+@dataclass
 class Empty(IdlStruct, typename="std_msgs.msg.dds_.Empty_"):
     """Nothing; ROS 2 sends one byte."""
 
     structure_needs_at_least_one_member: uint8 = 0
+
+
+@dataclass
+class Image(IdlStruct, typename="sensor_msgs.msg.dds_.Image_"):
+    """Rows of pixels, ``step`` bytes each: ``rgb8``, ``bgr8``, ``32FC1`` (m) or ``16UC1`` (mm)."""
+
+    header: Header = field(default_factory=Header)
+    height: uint32 = 0
+    width: uint32 = 0
+    encoding: str = ""
+    is_bigendian: uint8 = 0
+    step: uint32 = 0
+    data: octets = b""
+
+
+_idl: Any = getattr(Image, "__idl__")  # noqa: B009
+_idl.populate()
+for _machine in (_idl.v1_machine, _idl.v2_machine):  # as a list of numbers, a megabyte takes a good part of a second
+    _machine.members_machines["data"] = BytesMachine()
+
+
+@dataclass
+class RegionOfInterest(IdlStruct, typename="sensor_msgs.msg.dds_.RegionOfInterest_"):
+    """A rectangle of pixels."""
+
+    x_offset: uint32 = 0
+    y_offset: uint32 = 0
+    height: uint32 = 0
+    width: uint32 = 0
+    do_rectify: bool = False
+
+
+@dataclass
+class CameraInfo(IdlStruct, typename="sensor_msgs.msg.dds_.CameraInfo_"):
+    """A lens: size in pixels, distortion k1 k2 p1 p2 k3, matrices K, R, P row by row."""
+
+    header: Header = field(default_factory=Header)
+    height: uint32 = 0
+    width: uint32 = 0
+    distortion_model: str = ""
+    d: sequence[float64] = field(default_factory=list)
+    k: nine = field(default_factory=lambda: [0.0] * 9)
+    r: nine = field(default_factory=lambda: [0.0] * 9)
+    p: twelve = field(default_factory=lambda: [0.0] * 12)
+    binning_x: uint32 = 0
+    binning_y: uint32 = 0
+    roi: RegionOfInterest = field(default_factory=RegionOfInterest)
 
 
 def ros_name(kind: type) -> tuple[str, str]:

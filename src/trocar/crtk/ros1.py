@@ -29,8 +29,11 @@ HEADER = f"{'=' * 80}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring fram
 DEFINITIONS = {
     "StringStamped": f"std_msgs/Header header\nstring string\n{HEADER}",
     "OperatingState": f"std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n{HEADER}",
+    "operating_state": f"std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n{HEADER}",
 }
 """Messages of crtk_msgs 1.3, which is not packaged; their checksums follow from these texts."""
+BUFFER = 1 << 24
+"""Bytes that rospy reads at once: an image in one piece."""
 Message = TypeVar("Message")
 
 
@@ -51,10 +54,12 @@ class Ros1Bus:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
         return _Publisher(rospy.Publisher(topic, _class(kind), queue_size=KEPT_UNREAD, latch=latched, tcp_nodelay=True))
 
-    def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
-        """Return a subscriber of a topic."""
+    def subscriber(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
+    ) -> Subscriber[Message]:
+        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
         del latched  # ROS 1: the publisher's affair
-        return _Subscriber(topic, kind)
+        return _Subscriber(topic, kind, kept)
 
     def endpoints(self) -> list[Endpoint]:
         """Return all publishers and subscribers that the master knows."""
@@ -69,7 +74,7 @@ class Ros1Bus:
         ]
 
     def client(self, sender: Hashable) -> Client:
-        """Return who one of a subscriber's ``senders`` is."""
+        """Return who one of a subscriber's ``sent_by`` is."""
         try:
             address = urlsplit(rosgraph.Master("/trocar").lookupNode(str(sender))).hostname
         except rosgraph.MasterException:  # it has gone
@@ -111,11 +116,14 @@ class _Publisher(Publisher[Message]):
 
 
 class _Subscriber(Subscriber[Message]):
-    def __init__(self, topic: str, kind: type[Message]):
+    def __init__(self, topic: str, kind: type[Message], kept: int):
         super().__init__()
         self._kind = kind
-        self._unread: deque[tuple[float, Any]] = deque(maxlen=KEPT_UNREAD)
-        rospy.Subscriber(topic, _class(kind), self._hear, tcp_nodelay=True)
+        self._unread: deque[tuple[float, Any]] = deque(maxlen=kept)
+        self._subscriber = rospy.Subscriber(topic, _class(kind), self._hear, buff_size=BUFFER, tcp_nodelay=True)
+
+    def senders(self) -> int:
+        return self._subscriber.get_num_connections()
 
     def _hear(self, message: Any) -> None:
         self._unread.append((time.monotonic(), message))

@@ -52,16 +52,18 @@ class Ros2Bus:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; latched: late readers get the last message."""
         return _Writer(DataWriter(self._participant, self._topic(topic, kind), qos=_quality(latched, KEPT)))
 
-    def subscriber(self, topic: str, kind: type[Message], *, latched: bool = False) -> Subscriber[Message]:
-        """Return a subscriber of a topic."""
-        return _Reader(DataReader(self._participant, self._topic(topic, kind), qos=_quality(latched, KEPT_UNREAD)))
+    def subscriber(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
+    ) -> Subscriber[Message]:
+        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
+        return _Reader(DataReader(self._participant, self._topic(topic, kind), qos=_quality(latched, kept)), kept)
 
     def endpoints(self) -> list[Endpoint]:
         """Return all publishers and subscribers, of every program, that have been met so far."""
         return self._graph.endpoints()
 
     def client(self, sender: Hashable) -> Client:
-        """Return who one of a subscriber's ``senders`` is."""
+        """Return who one of a subscriber's ``sent_by`` is."""
         return self._graph.client(sender)
 
     def _topic(self, name: str, kind: type) -> Any:
@@ -95,13 +97,16 @@ class _Writer(Publisher[Message]):
 
 
 class _Reader(Subscriber[Message]):
-    def __init__(self, reader: Any):
+    def __init__(self, reader: Any, kept: int):
         super().__init__()
-        self._reader = reader
+        self._reader, self._kept = reader, kept
+
+    def senders(self) -> int:
+        return len(self._reader.get_matched_publications())
 
     def _come(self) -> list[tuple[float, Hashable, Message]]:
         now_s = time.monotonic()
-        samples = [one for one in self._reader.take(N=KEPT_UNREAD) if not isinstance(one, InvalidSample)]
+        samples = [one for one in self._reader.take(N=self._kept) if not isinstance(one, InvalidSample)]
         return [(now_s, sample.sample_info.publication_handle, sample) for sample in samples]
 
 

@@ -33,7 +33,8 @@ class HardwareReading:
 class HardwareArm(Protocol):
     """One real arm, as its loop sees it: a few calls that return within a fraction of a tick.
 
-    It lives in the loop's process. Whatever it raises stops the arm, and is named to the script that moved it.
+    It lives in the loop's process. Whatever it raises stops the arm, and is named to the script that moved it; an
+    ``ArmFault`` keeps its kind.
     """
 
     def commanded(self) -> tuple[NDArray[np.float64], float]:
@@ -122,6 +123,12 @@ class Fault(Enum):
     STALE = "its encoders were not sampled in time"
     FOLLOWING = "it does not follow its set-points"
     DEVICE = "its connection raised an error"
+    LOST = "nobody publishes its state any more"
+    PAUSED = "its controller is paused"
+    DISABLED = "its controller is disabled"
+    CONTROLLER = "its controller reports a fault"
+    UNHOMED = "its controller says that it is not homed"
+    OTHERS = "somebody else commands it"
     LATE = "its loop ran late"
     WATCHDOG = "its script gave no sign of life"
     ORPHANED = "the process of its script has ended"
@@ -130,8 +137,8 @@ class Fault(Enum):
     GONE = "its loop has ended"
 
 
-LATCHED = frozenset({Fault.INVALID, Fault.STALE, Fault.FOLLOWING, Fault.DEVICE, Fault.EMERGENCY, Fault.STEP})
-"""After these an arm refuses to move until its faults are cleared."""
+PASSING = frozenset({Fault.LATE, Fault.WATCHDOG, Fault.ORPHANED, Fault.GONE})
+"""Faults of what is around an arm; after all others it refuses to move until its faults are cleared."""
 
 
 class ArmFault(ArmStopped):

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from trocar.cell import JointReading, MotionEnd
 from trocar.errors import ArmMoving, StartMismatch, TrocarError
 from trocar.hardware.arm import (
-    LATCHED,
+    PASSING,
     ArmFault,
     Connect,
     DrivenArm,
@@ -240,6 +240,9 @@ class HardwareLoop:
         try:
             read = self._devices[name].read()
             q, jaw_rad, age_s = np.array(read.q, dtype=np.float64), float(read.jaw_rad), float(read.age_s)
+        except ArmFault as error:
+            self._fault(name, error.fault, error.detail)
+            return None
         except Exception as error:
             self._fault(name, Fault.DEVICE, f"read: {type(error).__name__}: {error}")
             return None
@@ -275,7 +278,7 @@ class HardwareLoop:
         if told is not None and told.fault is fault:
             return
         found = ArmFault(name, fault, detail)
-        if fault in LATCHED:
+        if fault not in PASSING:
             self._faults[name] = found
         self._report.faults.append(found)
         self._stop([name], MotionEnd.FAULT, found)

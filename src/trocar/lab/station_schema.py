@@ -18,7 +18,7 @@ from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import SE3, SO3
 from trocar.lab.station import CheckerboardRegistration, Registration, SensorFlaws, Station, StationArm, StationCamera
-from trocar.lab.topics import MAX_DOMAIN, Dialect, Topics
+from trocar.lab.topics import MAX_DOMAIN, Command, Dialect, Topics
 from trocar.lab.transmission import TRANSMISSIONS
 from trocar.perception.checkerboard import MAX_CORNERS, MAX_SQUARE_M, MIN_CORNERS, MIN_VIEWS, Checkerboard
 from trocar.perception.image import Intrinsics, StereoRig
@@ -345,6 +345,8 @@ class CrtkTable(Table):
     arms: dict[str, Name] = {}
     cameras: dict[str, Name] = {}
     dialect: Literal["dvrk", "crtk-1.0", "raven"] = "dvrk"
+    command: Literal["servo_jp", "move_jp"] = "servo_jp"
+    loop: dict[str, float] = {}
     interface: Text = _TOPICS.interface
     peers: list[Text] = []
     domain: Annotated[int, Field(ge=0, le=MAX_DOMAIN)] | None = None
@@ -356,8 +358,8 @@ class CrtkTable(Table):
             for name in named:
                 if name not in known:
                     raise UnknownName(f"{where}: {kind}", name, known)
-        values = {**self.model_dump(), "dialect": Dialect(self.dialect), "peers": tuple(self.peers)}
-        return Topics(**values)
+        values = {**self.model_dump(), "peers": tuple(self.peers)}
+        return Topics(**values | {"dialect": Dialect(self.dialect), "command": Command(self.command)})
 
 
 class StationTable(Table):

@@ -23,6 +23,15 @@ class Dialect(Enum):
     """Raven II: as before 1.1, moved by increments (``servo_jr``), its jaws beside it as ``/grasp1`` for ``/arm1``."""
 
 
+class Command(Enum):
+    """How arms are commanded."""
+
+    SERVO = "servo_jp"
+    """A set-point a tick."""
+    MOVE = "move_jp"
+    """A goal a tick, towards which the arm plans its own way: for one that does not take a stream."""
+
+
 @dataclass(frozen=True)
 class Topics:
     """Where the arms and cameras of a laboratory are found.
@@ -32,6 +41,9 @@ class Topics:
         arms: namespace of each arm's topics; an arm that is not here has its name in capitals: ``/PSM1``.
         cameras: namespace of each camera's topics; one that is not here has its name: ``/overhead``.
         dialect: of all arms.
+        command: how they are commanded.
+        loop: what the loop of real arms tolerates, by the names of ``trocar.hardware.LoopSettings``, where it is not
+            the usual.
         interface: address of this machine's network interface.
         peers: addresses of other machines to speak with (ROS 2).
         domain: ``ROS_DOMAIN_ID``; None: the environment's (ROS 2).
@@ -42,6 +54,8 @@ class Topics:
     arms: Mapping[str, str] = field(default_factory=dict)
     cameras: Mapping[str, str] = field(default_factory=dict)
     dialect: Dialect = Dialect.DVRK
+    command: Command = Command.SERVO
+    loop: Mapping[str, float] = field(default_factory=dict)
     interface: str = LOOPBACK
     peers: tuple[str, ...] = ()
     domain: int | None = None

@@ -1,0 +1,164 @@
+"""A camera that publishes its images as ROS cameras do, behind the ``Camera`` protocol."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import trio
+
+from trocar.crtk.bus import Subscriber, open_bus
+from trocar.crtk.images import color_of, cut_out, depth_of
+from trocar.crtk.messages import CameraInfo, Empty, Header, Image
+from trocar.errors import InvalidInput, TrocarError
+from trocar.lab.topics import Topics
+from trocar.perception.image import CameraModel, Intrinsics, RgbdImage, StereoImage, StereoRig, StereoWindow, Window
+from trocar.perception.image import Image as Taken
+
+CONNECT_S = 5.0
+ANSWER_S = 5.0
+"""An image has to be here so long after it was asked for."""
+POLL_S = 0.002
+KEPT = 3
+"""Images that wait to be taken; one of full size has nine megabytes."""
+
+
+class ImageFault(Enum):
+    """What is wrong with a camera, as a sentence."""
+
+    SILENT = "sent no image"
+    OLD = "sent images whose stamps are older than the request"
+    HALF = "sent images of which no two belong together"
+
+
+class NoImage(TrocarError):
+    """A camera did not answer in time.
+
+    Attributes:
+        camera: name.
+        fault: why.
+    """
+
+    def __init__(self, camera: str, fault: ImageFault, detail: str, remedy: str):
+        self.camera, self.fault = camera, fault
+        super().__init__(f"camera {camera!r} {fault.value} ({detail}); {remedy}")
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """The two topics whose messages of one stamp make an image."""
+
+    first: Subscriber[Image]
+    second: Subscriber[Image]
+
+
+class CrtkCamera:
+    """One camera: asks for an image on its topic ``trigger``, and waits for both of its parts.
+
+    A camera that runs freely ignores the request: its first image that was exposed after the request is the answer. So
+    the clocks of both machines must agree better than a frame's time (NTP or PTP).
+
+    Args:
+        name: of the camera.
+        model: its lens or lenses, as registered.
+        topics: where it is found: ``color/image_raw`` and ``depth/image_raw`` (in the colours' pixels), or
+            ``left/image_raw`` and ``right/image_raw``.
+        now_s: the cell's clock.
+
+    Raises:
+        InvalidInput: it publishes no ``camera_info``, or that of another camera.
+    """
+
+    def __init__(self, name: str, model: CameraModel, topics: Topics, now_s: Callable[[], float] = time.monotonic):
+        self._name, self._now_s, self._topic = name, now_s, topics.of_camera(name)
+        self.model, self.taken = model, list[Taken]()
+        bus, pair = open_bus(topics), isinstance(model, StereoRig)
+        first, second = ("left", "right") if pair else ("color", "depth")
+        self._parts = _Parts(
+            bus.subscriber(f"{self._topic}/{first}/image_raw", Image, kept=KEPT),
+            bus.subscriber(f"{self._topic}/{second}/image_raw", Image, kept=KEPT),
+        )
+        self._trigger = bus.publisher(f"{self._topic}/trigger", Empty)
+        lens = model.left if isinstance(model, StereoRig) else model
+        info = bus.subscriber(f"{self._topic}/{first}/camera_info", CameraInfo, latched=True)
+        deadline_s = time.monotonic() + CONNECT_S
+        while not info.take() and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+        self._check(info.last, lens, f"{self._topic}/{first}/camera_info")
+
+    def _check(self, info: CameraInfo | None, lens: Intrinsics, topic: str) -> None:
+        if info is None:
+            problem, remedy = f"publishes no {topic} within {CONNECT_S:g} s", "check that it runs, and its namespace"
+            raise InvalidInput(f"camera {self._name!r}", problem, remedy)
+        if (info.width, info.height) != (lens.width, lens.height):
+            problem = (
+                f"publishes {info.width} x {info.height} pixels, and the station says {lens.width} x {lens.height}"
+            )
+            raise InvalidInput(
+                f"camera {self._name!r}", problem, "correct the station's file, or the camera's settings"
+            )
+
+    async def capture(self, window: Window | StereoWindow | None = None) -> Taken:
+        """Ask for an image and return it, or a window of it, which is cut out here.
+
+        Raises:
+            NoImage: none came in time.
+            InvalidInput: the window leaves the image, or is of another kind of camera.
+        """
+        _require_window(self.model, window)
+        for part in (self._parts.first, self._parts.second):
+            part.take()
+        asked_s = time.time()
+        self._trigger.send(Empty())
+        first, second = await self._answer(asked_s)
+        image = self._image(first, second)
+        if window is None:
+            self.taken.append(image)
+            return image
+        return cut_out(image, window)
+
+    async def _answer(self, asked_s: float) -> tuple[Image, Image]:
+        """Return both parts of the first image that was exposed after a time of this machine's clock."""
+        deadline_s = time.monotonic() + ANSWER_S
+        came: tuple[dict[tuple[int, int], Image], dict[tuple[int, int], Image]] = ({}, {})
+        newest_s = 0.0
+        while time.monotonic() < deadline_s:
+            for found, part in zip(came, (self._parts.first, self._parts.second), strict=True):
+                for message in part.take():
+                    newest_s = max(newest_s, _time_s(message.header))
+                    if _time_s(message.header) >= asked_s:
+                        found[message.header.stamp.sec, message.header.stamp.nanosec] = message
+            both = [stamp for stamp in came[0] if stamp in came[1]]
+            if both:
+                return came[0][both[0]], came[1][both[0]]
+            await trio.sleep(POLL_S)
+        where = f"{self._topic}, in {ANSWER_S:g} s"
+        if newest_s == 0.0:
+            remedy = "check that it runs, and that it exposes an image on its topic 'trigger', or runs freely"
+            raise NoImage(self._name, ImageFault.SILENT, where, remedy)
+        if not any(came):
+            raise NoImage(self._name, ImageFault.OLD, where, "let both machines' clocks agree (NTP)")
+        raise NoImage(self._name, ImageFault.HALF, where, "both topics of an image need the same stamp")
+
+    def _image(self, first: Image, second: Image) -> Taken:
+        time_s, item = self._now_s(), f"the image of camera {self._name!r}"
+        if isinstance(self.model, StereoRig):
+            return StereoImage(color_of(first, item), color_of(second, item), self.model, time_s)
+        return RgbdImage(color_of(first, item), depth_of(second, item), self.model, time_s)
+
+
+def _time_s(header: Header) -> float:
+    return header.stamp.sec + 1e-9 * header.stamp.nanosec
+
+
+def _require_window(model: CameraModel, window: Window | StereoWindow | None) -> None:
+    """Raise unless a camera can read out a window."""
+    if isinstance(model, StereoRig) and isinstance(window, StereoWindow):
+        window.of(model)
+    elif isinstance(model, Intrinsics) and isinstance(window, Window):
+        model.cropped(window.corner_px, window.size_px)
+    elif window is not None:
+        kind, have = ("StereoWindow", "two lenses") if isinstance(model, StereoRig) else ("Window", "one lens")
+        raise InvalidInput(f"a camera of {have}", f"cannot read out {window!r}", f"give a {kind}")

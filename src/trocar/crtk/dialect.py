@@ -1,0 +1,65 @@
+"""How the arms of a dialect are named and typed: dVRK's of today, CRTK before 1.1, Raven II's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.crtk.messages import JointState, OldOperatingState, OperatingState, PoseStamped, TransformStamped
+from trocar.lab.topics import Dialect
+
+PSM_JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
+"""Names and order of a PSM's joints (sawIntuitiveResearchKit 2.4)."""
+RAVEN_JOINTS = ("shoulder", "elbow", "ins", "roll", "wrist", "jaw1", "jaw2")
+"""Ends of the names of a Raven's joints, and their order (uw-biorobotics/raven2, branch crtk)."""
+
+
+def state_kind(dialect: Dialect) -> type[OperatingState]:
+    """Return the message of ``operating_state``."""
+    return OperatingState if dialect is Dialect.DVRK else OldOperatingState
+
+
+def pose_kind(dialect: Dialect) -> type[PoseStamped] | type[TransformStamped]:
+    """Return the message of poses."""
+    return PoseStamped if dialect is Dialect.DVRK else TransformStamped
+
+
+def joint_names(dialect: Dialect) -> tuple[str, ...]:
+    """Return the names of an arm's joints in their order."""
+    return RAVEN_JOINTS if dialect is Dialect.RAVEN else PSM_JOINTS
+
+
+def jaw_topic(dialect: Dialect, topic: str) -> str:
+    """Return where the jaws of an arm are found: ``/PSM1/jaw``; of a Raven, ``/grasp1`` beside ``/arm1``."""
+    head, slash, name = topic.rpartition("/")
+    if dialect is Dialect.RAVEN and name.startswith("arm"):
+        return f"{head}{slash}grasp{name.removeprefix('arm')}"
+    return f"{topic}/jaw"
+
+
+def joints_in(dialect: Dialect, message: JointState) -> NDArray[np.float64]:
+    """Return the joints (6,) of an arm's message, put in order by their names; NaN where CRTK says "not available"."""
+    names = joint_names(dialect)
+    position = np.array(message.position, dtype=np.float64)
+    if len(position) != len(names) or message.header.stamp.sec == 0:
+        return np.full(6, np.nan)
+    if dialect is Dialect.RAVEN:
+        return np.append(position[:5], (position[5] - position[6]) / 2)  # each jaw has a joint; both open outwards
+    if len(message.name) == len(names) and set(message.name) == set(names):
+        position = position[[list(message.name).index(name) for name in names]]
+    return position
+
+
+def jaw_in(message: JointState) -> float:
+    """Return the opening in a message of the jaws; a Raven's has each jaw's joint after it. NaN: not available."""
+    return float(message.position[0]) if message.position and message.header.stamp.sec else float("nan")
+
+
+def as_positions(dialect: Dialect, q: Sequence[float] | NDArray[np.float64], jaw_rad: float) -> list[float]:
+    """Return the positions in an arm's message: six joints, or a Raven's seven, in which the jaws are contained."""
+    values = np.asarray(q, dtype=np.float64).tolist()
+    if dialect is Dialect.RAVEN:
+        return [*values[:5], jaw_rad / 2 + values[5], jaw_rad / 2 - values[5]]
+    return values

@@ -1,0 +1,84 @@
+"""Images as ROS cameras publish them: their messages read, and windows cut out of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.crtk.messages import Image
+from trocar.errors import InvalidInput
+from trocar.perception.image import Image as Taken
+from trocar.perception.image import RgbdImage, StereoImage, StereoWindow, Window
+
+COLORS = {"rgb8": (3, slice(None)), "bgr8": (3, slice(None, None, -1))}
+COLORS |= {"rgba8": (4, slice(0, 3)), "bgra8": (4, slice(2, None, -1)), "mono8": (1, [0, 0, 0])}
+
+
+def color_of(message: Image, item: str = "an image") -> NDArray[np.uint8]:
+    """Return the colours (height, width, 3) RGB of a message.
+
+    Raises:
+        InvalidInput: they are of a kind that is not known here.
+    """
+    if message.encoding not in COLORS:
+        raise InvalidInput(item, f"is of encoding {message.encoding!r}", f"publish one of {', '.join(COLORS)}")
+    channels, order = COLORS[message.encoding]
+    pixels = _rows(message, np.uint8, channels, item)[..., order]
+    return np.ascontiguousarray(pixels)
+
+
+def depth_of(message: Image, item: str = "an image") -> NDArray[np.float32]:
+    """Return the depth (height, width) in m of a message, NaN where there is none.
+
+    Raises:
+        InvalidInput: it is of a kind that is not known here.
+    """
+    if message.encoding == "16UC1":
+        depth_mm = _rows(message, np.uint16, 1, item)[..., 0].astype(np.float32)
+        return np.where(depth_mm == 0, np.float32(np.nan), np.float32(1e-3) * depth_mm)
+    if message.encoding != "32FC1":
+        problem = f"has depth of encoding {message.encoding!r}"
+        raise InvalidInput(item, problem, "publish 32FC1 (m, NaN for none) or 16UC1 (mm, 0 for none)")
+    return _rows(message, np.float32, 1, item)[..., 0].copy()
+
+
+def _rows(message: Image, kind: type[np.generic], channels: int, item: str) -> NDArray:
+    """Return the pixels (height, width, channels) of a message, whose rows may be longer than needed."""
+    order = ">" if message.is_bigendian else "<"
+    dtype = np.dtype(kind).newbyteorder(order)
+    needed = message.width * channels * dtype.itemsize
+    if message.step < needed or len(message.data) != message.step * message.height:
+        problem = (
+            f"has {len(message.data)} bytes, rows of {message.step}, for {message.width} x {message.height} pixels"
+        )
+        raise InvalidInput(item, problem, "correct its publisher")
+    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)[:, :needed]
+    return (
+        np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels).astype(kind, copy=False)
+    )
+
+
+def cut_out(image: Taken, window: Window | StereoWindow) -> Taken:
+    """Return the part of an image that a window reads out, its pixels combined if the window says so."""
+    if isinstance(image, StereoImage) and isinstance(window, StereoWindow):
+        left, right = (
+            binned(eye[_slices(part)], window.binning)
+            for eye, part in ((image.left, window.left), (image.right, window.right))
+        )
+        return StereoImage(left, right, window.of(image.rig), image.time_s)
+    assert isinstance(image, RgbdImage) and isinstance(window, Window)
+    here = _slices(window)
+    model = image.intrinsics.cropped(window.corner_px, window.size_px)
+    return RgbdImage(image.color[here].copy(), image.depth_m[here].copy(), model, image.time_s)
+
+
+def _slices(window: Window) -> tuple[slice, slice]:
+    (u, v), (width, height) = window.corner_px, window.size_px
+    return slice(v, v + height), slice(u, u + width)
+
+
+def binned(color: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """Return colours whose pixels are the means of ``factor`` x ``factor`` pixels."""
+    height, width = color.shape[0] // factor, color.shape[1] // factor
+    blocks = color.reshape(height, factor, width, factor, 3).mean(axis=(1, 3))
+    return np.rint(blocks).astype(np.uint8)
