@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, jacobian
 from trocar.cell import JointReading
-from trocar.crtk.dialect import PSM_JOINTS
 from trocar.crtk.bus import Bus, Publisher, stamped
 from trocar.crtk.convert import matrix_of, pose_of, twist_of
+from trocar.crtk.dialect import PSM_JOINTS
 from trocar.crtk.messages import (
     Float64,
     Float64MultiArray,
@@ -126,6 +126,6 @@ def body_jacobian(model: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def spatial_jacobian(model: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the Jacobian (6, 6) to the velocity, linear then angular, of what moves with the tip but is at the base."""
+    """Return the Jacobian (6, 6) to the velocity, linear then angular, at the base of what moves with the tip."""
     linear, angular = jacobian(model, q).reshape(2, 3, 6)
     return np.concatenate([linear - np.cross(angular, fk(model, q).translation_m, axis=0), angular])

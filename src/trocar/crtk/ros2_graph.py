@@ -64,8 +64,8 @@ class ParticipantEntities(IdlStruct, typename="rmw_dds_common.msg.dds_.Participa
 class Graph:
     """What a participant has discovered.
 
-    DDS itself tells each writer's participant with its machine's addresses and process; ROS 2's nodes tell which writers
-    are theirs, on a topic of their own.
+    DDS itself tells each writer's participant, with its machine's addresses and process; ROS 2's nodes tell on a topic
+    of their own which writers are theirs.
     """
 
     def __init__(self, participant: DomainParticipant):
