@@ -72,7 +72,7 @@ class CrtkCamera:
     """
 
     def __init__(self, name: str, model: CameraModel, topics: Topics, now_s: Callable[[], float] = time.monotonic):
-        self._name, self._now_s, self._topic = name, now_s, topics.of_camera(name)
+        self._name, self.now_s, self._topic = name, now_s, topics.of_camera(name)
         self.model, self.taken = model, list[Taken]()
         bus, pair = open_bus(topics), isinstance(model, StereoRig)
         first, second = ("left", "right") if pair else ("color", "depth")
@@ -143,7 +143,7 @@ class CrtkCamera:
         raise NoImage(self._name, ImageFault.HALF, where, "both topics of an image need the same stamp")
 
     def _image(self, first: Image, second: Image) -> Taken:
-        time_s, item = self._now_s(), f"the image of camera {self._name!r}"
+        time_s, item = self.now_s(), f"the image of camera {self._name!r}"
         if isinstance(self.model, StereoRig):
             return StereoImage(color_of(first, item), color_of(second, item), self.model, time_s)
         return RgbdImage(color_of(first, item), depth_of(second, item), self.model, time_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import scipy.interpolate  # noqa: F401  # else the first motion would wait for it for a third of a second
 import trio
 
 from trocar.cell import Cell

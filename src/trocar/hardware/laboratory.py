@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
 import trio
 
 from trocar.cell import Camera, Cell, Result
+from trocar.geometry import SE3
 from trocar.hardware.arm import Connect, DrivenArm, LoopSettings
+from trocar.hardware.record import HardwareRecord
 from trocar.hardware.robot import HardwareRobot
-from trocar.lab import Station
+from trocar.lab import Station, StationArm, StationCamera
 from trocar.log import CellLog
-from trocar.robots import ArmGuard, Guarded
+from trocar.robots import ArmGuard, Guarded, JointEstimator
 from trocar.robots.concurrency import cause_of
 
 
@@ -39,6 +42,13 @@ class WallClock:
         return result, time.perf_counter() - begin
 
 
+def registered(thing: StationArm | StationCamera) -> SE3:
+    """Return the pose in the world of an arm's base or a camera: as registered, or else as the station has it."""
+    if isinstance(thing, StationArm):
+        return thing.T_world_base if thing.T_world_base_registered is None else thing.T_world_base_registered
+    return thing.T_world_camera if thing.T_world_camera_registered is None else thing.T_world_camera_registered
+
+
 class HardwareLaboratory:
     """Real arms of a station, ready to run scripts; a context manager that leaves them holding.
 
@@ -49,6 +59,7 @@ class HardwareLaboratory:
         cell: what scripts are given; bases and cameras where the station has them registered.
         robot: the arms without their guard: emergency stop, faults.
         log: what scripts, guard and loop note.
+        record: what was asked, sent and read, tick by tick.
     """
 
     def __init__(
@@ -67,7 +78,7 @@ class HardwareLaboratory:
             connect: connects an arm by its name; called in the loop's process, so it must be a function of a module
                 (or a ``functools.partial`` of one).
             settings: what the loop tolerates.
-            cameras: by name.
+            cameras: by name; those of the station, whose poses it has.
             listener: called with each event of the log.
 
         Raises:
@@ -76,11 +87,9 @@ class HardwareLaboratory:
         driven = {name: DrivenArm(arm.model, arm.limits) for name, arm in station.arms.items()}
         clock = WallClock(time.monotonic())
         self.log = CellLog(clock.now_s, listener=listener)
-        self.robot = HardwareRobot(driven, connect, settings, origin_s=clock.origin_s, note=self.log.event)
-        bases = {
-            name: arm.T_world_base if arm.T_world_base_registered is None else arm.T_world_base_registered
-            for name, arm in station.arms.items()
-        }
+        self.record = HardwareRecord(tuple(driven))
+        self.robot = HardwareRobot(driven, connect, settings, note=self.log.event, record=self.record.take)
+        bases = {name: registered(arm) for name, arm in station.arms.items()}
         guards = {
             name: ArmGuard(arm.model, arm.limits, bases[name], arm.workspace_m) for name, arm in station.arms.items()
         }
@@ -91,16 +100,26 @@ class HardwareLaboratory:
             stale_s=self.robot.settings.stale_s,
             note=self.log.event,
         )
+        self.record.asked_of = self._guard
         self.cell = Cell(
             robot=self._guard,
             cameras=cameras or {},
             arms=station.models,
             T_world_base_registered=bases,
-            T_world_camera_registered={},
+            T_world_camera_registered={name: registered(station.cameras[name]) for name in cameras or {}},
             T_world_fixture=station.T_world_fixture,
             clock=clock,
             log=self.log,
         )
+        clock.origin_s = self.robot.origin_s = time.monotonic()
+
+    def wrap_robot(self, wrap: Callable[[Cell], Any]) -> Cell:
+        """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
+        robot = self.record.asked_of = wrap(self.cell)
+        self.cell = replace(self.cell, robot=robot)
+        if isinstance(robot, JointEstimator):
+            self._guard.estimator = robot
+        return self.cell
 
     def run(self, script: Callable[[Cell], Awaitable[Any]], budget_s: float) -> bool:
         """Run a script to its end; return whether it ended within its budget. Afterwards every arm is at rest.

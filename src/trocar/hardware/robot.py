@@ -54,6 +54,7 @@ class HardwareRobot:
         settings: what the loop tolerates.
         origin_s: time of the machine's monotonic clock from which the cell's time counts.
         note: called as ``note("fault", arm=..., ...)`` with what went wrong.
+        record: called with each report of the loop, after it was taken in.
 
     Raises:
         TrocarError: an arm could not be connected, with the reason.
@@ -67,9 +68,10 @@ class HardwareRobot:
         *,
         origin_s: float = 0.0,
         note: Callable[..., None] = lambda name, **values: None,
+        record: Callable[[Report], None] = lambda report: None,
     ):
-        self.settings, self._origin_s = settings or LoopSettings(), origin_s
-        self._note, self._keys = note, itertools.count()
+        self.settings, self.origin_s = settings or LoopSettings(), origin_s
+        self._note, self._record, self._keys = note, record, itertools.count()
         self._jobs: dict[int, _Job] = {}
         self._reasons: dict[int, TrocarError | str] = {}
         self._rows: deque[Report] = deque()
@@ -116,7 +118,7 @@ class HardwareRobot:
 
     def _time_s(self, clock_s: float) -> float:
         """Return the cell's time at a time of the motions, which late ticks delay."""
-        return clock_s - self._report.clock_s + self._report.time_s - self._origin_s
+        return clock_s - self._report.clock_s + self._report.time_s - self.origin_s
 
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state as last read."""
@@ -284,6 +286,7 @@ class HardwareRobot:
         while self._row < oldest:
             self._rows.popleft()
             self._row += 1
+        self._record(report)
 
     def _end(self, key: int, name: str, ending: Ending) -> None:
         job = self._jobs[key]
@@ -306,7 +309,7 @@ class HardwareRobot:
     def _result(self, job: _Job, name: str) -> MotionResult:
         rows, ending = job.rows.get(name, []), job.endings[name]
         return MotionResult(
-            times_s=np.array([time_s - self._origin_s for time_s, _ in rows]),
+            times_s=np.array([time_s - self.origin_s for time_s, _ in rows]),
             commanded=_stacked([arm.sent for _, arm in rows]),
             measured=_stacked([np.append(arm.reading.q, arm.reading.jaw_rad) for _, arm in rows]),
             ended=ending.ended,

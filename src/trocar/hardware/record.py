@@ -1,0 +1,65 @@
+"""What real arms were asked, sent, and read, tick by tick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.cell import SetPoint
+from trocar.hardware.messages import Report
+from trocar.robots.driver import TICK_S
+
+
+class _Asked(Protocol):
+    def setpoint(self, arm: str) -> SetPoint: ...
+
+
+class HardwareRecord:
+    """The rows of a loop of real arms; where they truly were is not known.
+
+    Attributes:
+        asked_of: the outermost robot, whose set-points are what the script asked for.
+    """
+
+    def __init__(self, arms: Sequence[str]):
+        self.asked_of: _Asked | None = None
+        self._times: list[float] = []
+        self._rows: dict[str, list[NDArray[np.float64]]] = {name: [] for name in arms}
+
+    def take(self, report: Report) -> None:
+        """Take in what happened in a tick."""
+        if self.asked_of is None:
+            return
+        self._times.append(report.time_s)
+        for name, arm in report.arms.items():
+            asked = self.asked_of.setpoint(name).q
+            reading = arm.reading
+            self._rows[name].append(np.concatenate([asked, arm.sent[6:], arm.sent, reading.q, [reading.jaw_rad]]))
+
+    def arrays(self, origin_s: float, lead_s: float) -> dict[str, NDArray[np.float64]]:
+        """Return (n, 7) ``desired_ARM``, ``commanded_ARM`` and ``measured_ARM`` at 100 Hz: joints and jaw.
+
+        A row has what was last sent and read then; ticks that were late leave no gap.
+
+        Args:
+            origin_s: the machine's monotonic clock at the first row.
+            lead_s: what the script asked is known so much ahead.
+        """
+        times_s = np.array(self._times) - origin_s
+        if not len(times_s):
+            return {f"{kind}_{name}": np.zeros((0, 7)) for kind in KINDS for name in self._rows}
+        grid_s = TICK_S * np.arange(int(max(times_s[-1], 0.0) / TICK_S + 1e-9) + 1)
+        now = np.clip(np.searchsorted(times_s, grid_s, side="right") - 1, 0, None)
+        asked = np.clip(np.searchsorted(times_s + lead_s, grid_s, side="right") - 1, 0, None)
+        found = {}
+        for name, rows in self._rows.items():
+            table = np.array(rows)
+            found[f"desired_{name}"] = np.column_stack([table[asked, :6], table[now, 6]])
+            found[f"commanded_{name}"], found[f"measured_{name}"] = table[now, 7:14], table[now, 14:]
+        return found
+
+
+KINDS = ("desired", "commanded", "measured")
