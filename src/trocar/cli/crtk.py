@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Option
 
@@ -138,13 +138,22 @@ def serve(
         "time": asdict(time),
     }
     told = ", ".join(f"{count} set-points for {name}" for name, count in summary["received"].items())
-    lines = [
+    lines: list[Any] = [
         f"served for {laboratory.now_s():.1f} s: {told}, {len(laboratory.log.events)} events",
         f"{100 * time.late_share:.2f} % of the ticks were late by a tick or more, the latest by "
         f"{1e3 * time.latest_s:.0f} ms; {100 * time.core_share:.0f} % of a core",
     ]
     if referee is not None:
+        from trocar.eval.trials import Trials
+        from trocar.report.files import report_of, write_report
+        from trocar.report.tables import headline, run_table
+
         path = referee.save(end, images)
-        lines.append(f"saved: {path}")
-        summary["trial"] = str(path)
+        beside().print(f"saved: {path}", soft_wrap=True)  # before its pictures, which take seconds
+        trials = Trials([path])
+        found, files = write_report(path.parent.parent, trials, into=path.with_suffix(""))
+        report = report_of(trials[0])
+        summary |= {"trial": str(path), "summary": found}
+        table = run_table(found, report.paper_rows(found), report.paper_count(found))
+        lines = [table, *lines, headline(found), "files: " + ", ".join(map(str, [path, *files]))]
     return Result(summary, lines)

@@ -58,15 +58,9 @@ class Referee:
                 raise InvalidValue(name, value, "give 0 or more")
         kind = type(task)
         plain = [name for name in methods_of(kind) if not _prepares(pick_method(kind, name))]
-        config = ServedRun(
-            task,
-            method=(plain or methods_of(kind))[0],
-            station=station,
-            seed=seed,
-            sessions=session + 1,
-            trials=trial + 1,
-        )
-        self.path, self._out = trial_file(out, session, trial), out
+        method, sessions, trials = (plain or methods_of(kind))[0], session + 1, trial + 1
+        config = ServedRun(task, method=method, station=station, seed=seed, sessions=sessions, trials=trials)
+        self.path = trial_file(out, session, trial)
         if (session, trial) not in open_folder(config, out):
             raise BadFile(self.path, "is there already", "give another --trial or --session, or another --out")
         self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from trocar.crtk.bus import Bus, Publisher, open_bus
@@ -21,7 +20,7 @@ from trocar.lab.topics import Topics
 from trocar.perception.image import Image as Taken
 from trocar.perception.image import StereoImage, StereoRig
 from trocar.sim.cameras import CameraRenderer
-from trocar.sim.copy import put_state
+from trocar.sim.copy import WorldCopy
 
 NICE = 5
 """Added to the process's niceness: where cores are few, the arms come first."""
@@ -67,10 +66,9 @@ def render_for_ever(studio: Studio, asked: Connection) -> None:
         signal.signal(number, signal.SIG_IGN)  # whoever is served may still want an image; it ends with its parent
     os.nice(NICE)
     lens = next(iter(studio.renderers.values())).lenses[0]
-    data, free = mujoco.MjData(lens.model), np.random.default_rng(0)
-    mujoco.mj_kinematics(lens.model, data)
+    copy, free = WorldCopy(lens.model), np.random.default_rng(0)
     for renderer in studio.renderers.values():
-        renderer.image(data, free)  # what never moves is rendered once, for all images
+        renderer.image(copy.data, free)  # what never moves is rendered once, for all images
     bus = open_bus(studio.topics)
     cameras = {
         name: CameraTopics(bus, studio.topics.of_camera(name), name, renderer)
@@ -87,8 +85,8 @@ def render_for_ever(studio: Studio, asked: Connection) -> None:
                 asked.send(kept.files())
                 continue
             if order.kept or cameras[order.camera].wanted():
-                put_state(lens.model, data, order.state)
-                image = studio.renderers[order.camera].image(data, studio.noise if order.kept else free)
+                copy.put(order.state)
+                image = studio.renderers[order.camera].image(copy.data, studio.noise if order.kept else free)
                 cameras[order.camera].publish(image, order.header)
                 if order.kept:
                     kept.add(order.camera, image)
@@ -102,9 +100,9 @@ class CameraTopics:
 
     def __init__(self, bus: Bus, topic: str, name: str, renderer: CameraRenderer):
         model, pair = renderer.model, isinstance(renderer.model, StereoRig)
-        self._parts = ("left", "right") if pair else ("color", "depth")
+        self._parts: tuple[str, str] = ("left", "right") if pair else ("color", "depth")
         frames = [f"{name}_left_optical", f"{name}_right_optical"] if pair else [f"{name}_optical"] * 2
-        self._frames = dict(zip(self._parts, frames, strict=True))
+        self._frames: dict[str, str] = dict(zip(self._parts, frames, strict=True))
         self._images: dict[str, Publisher[Image]] = {
             part: bus.publisher(f"{topic}/{part}/image_raw", Image) for part in self._parts
         }
@@ -120,7 +118,7 @@ class CameraTopics:
 
     def publish(self, image: Taken, header: Header) -> None:
         """Publish an image, both parts with the same stamp, and the lenses."""
-        messages = {}
+        messages: dict[str, Image] = {}
         for part in self._parts:
             here = Header(header.stamp, self._frames[part])
             if isinstance(image, StereoImage):

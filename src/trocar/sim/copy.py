@@ -17,7 +17,18 @@ def state_of(world: World) -> bytes:
     return state.tobytes()
 
 
-def put_state(model: mujoco.MjModel, data: mujoco.MjData, state: bytes) -> None:
-    """Bring a copy of a world into a state that :func:`state_of` returned; all bodies are in their places then."""
-    mujoco.mj_setState(model, data, np.frombuffer(state), WHOLE)
-    mujoco.mj_kinematics(model, data)
+class WorldCopy:
+    """The bodies of a world in another process.
+
+    Attributes:
+        data: of the physics; its bodies are in their places.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model, self.data = model, mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self.data)
+
+    def put(self, state: bytes) -> None:
+        """Bring it into a state that :func:`state_of` returned."""
+        mujoco.mj_setState(self._model, self.data, np.frombuffer(state), WHOLE)
+        mujoco.mj_kinematics(self._model, self.data)
