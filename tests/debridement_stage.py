@@ -10,6 +10,7 @@ import trio
 
 from trocar.arms import fk
 from trocar.eval import run as trial_run
+from trocar.eval import staged
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.geometry import SE3, SO3
@@ -115,6 +116,6 @@ def play(monkeypatch, tmp_path, eyes, *, seed=3, method="best", change=None, rob
             if robot is not None:
                 robot(self)
 
-    monkeypatch.setattr(trial_run, "SimLaboratory", Told)
+    monkeypatch.setattr(staged, "SimLaboratory", Told)
     monkeypatch.setattr(trial_run, "pick_perception", lambda kind, name: eyes)
     return trial_run.run_trial(config, prepare(config, 0, tmp_path), 0)

@@ -61,7 +61,7 @@ def render(state):
     mujoco.mj_setState(model, data, state, WHOLE)
     mujoco.mj_forward(model, data)
     (camera,) = LABORATORY.cameras.values()
-    image = camera._renderer.image(data, camera._rng)
+    image = camera.renderer.image(data, camera.rng)
     return image.depth_m.shape, image.color.tobytes(), image.depth_m.tobytes()
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import MOTION_LIMITS, MotionLimits, fk, ik
-from trocar.eval.run import encoded
 from trocar.eval.scenery import Scenery
+from trocar.eval.staged import encoded
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3, SO3
 from trocar.lab import TRANSMISSIONS, SensorFlaws, Station, load_station

@@ -12,7 +12,7 @@ from trocar.eval.config import RunConfig
 from trocar.eval.folder import open_folder
 from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, opened, play, play_run
 from trocar.eval.prepare import CACHE, Prepared, cable_file, cached_calibrations, prepare
-from trocar.eval.run import AGENT_ERROR
+from trocar.eval.staged import AGENT_ERROR
 from trocar.eval.study import conditions_of, row_file
 from trocar.eval.trial import trial_file
 from trocar.eval.trials import Trials

@@ -27,6 +27,7 @@ FORBIDDEN = (
     "trocar.lab.laboratory",
     "trocar.eval.config",
     "trocar.eval.run",
+    "trocar.eval.staged",
     "trocar.eval.trial",
     "trocar.report",
     "mujoco",

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
-from dataclasses import replace
-from typing import Annotated
+import os
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated, Any
 
 from typer import Option
 
 from trocar.cli.group import Result
-from trocar.cli.options import Seed, StationName, need
+from trocar.cli.options import Plugins, Seed, StationName, need
+from trocar.cli.out_folder import default_folder
 from trocar.cli.terminal import beside
-from trocar.errors import InvalidValue
+from trocar.errors import InvalidInput, InvalidValue
+from trocar.files.output import write_text
 from trocar.lab.topics import MAX_DOMAIN, Topics
 
 Ros = Annotated[int | None, Option(help="1 or 2.", show_default="the station's, or 2")]
@@ -46,7 +49,26 @@ def network(
 def serve(
     station: StationName,
     *,
+    task: Annotated[str, Option(help="Lay out this task; a referee scores what is done.", show_default="none")] = "",
+    option: Annotated[
+        list[str] | None, Option(metavar="NAME=VALUE", help="Give an option of the task another value; repeatable.")
+    ] = None,
     seed: Seed = 0,
+    session: Annotated[int, Option(min=0, help="Number of the session in a run of this seed.")] = 0,
+    trial: Annotated[int, Option(min=0, help="Number of the trial in the session.")] = 0,
+    out: Annotated[
+        Path | None,
+        Option(metavar="DIR", help="Folder for the trial's files.", show_default="out/served-TASK-SEED-OPTIONS"),
+    ] = None,
+    client_station: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE",
+            help="Where to write the station as registered in this session, for the client.",
+            show_default="station.toml in --out",
+        ),
+    ] = None,
+    images_hz: Annotated[float, Option(help="Images a second of a camera until it is triggered; 0: none.")] = 1.0,
     ros: Ros = None,
     interface: Interface = None,
     peer: Peer = None,
@@ -54,32 +76,85 @@ def serve(
     master: Master = None,
     speed: Annotated[float, Option(help="Seconds of the cell a second.")] = 1.0,
     seconds: Annotated[float | None, Option(help="End after this time of the cell; default: with Ctrl-C.")] = None,
+    plugin: Plugins = None,
 ) -> Result:
-    """Be a robot that speaks CRTK over ROS 2 or 1: a simulated cell in real time, its cables' errors included."""
+    """Be a robot that speaks CRTK over ROS 2 or 1: a simulated cell in real time, its cables' errors included.
+
+    With --task, its objects lie on the table as in the same trial of `trocar run`. At the end, whatever ends it, the
+    referee scores what any client did to them, and the trial is kept with its replay and pictures, as those of a run.
+    """
     need("sim")
     if seconds is not None and not seconds > 0:
         raise InvalidValue("--seconds", seconds, "give more than 0")
-    from trocar.lab import load_station
+    given = {"--option": option, "--session": session, "--trial": trial, "--out": out}
+    for flag, value in given.items():
+        if value and not task:
+            raise InvalidInput(flag, "has no effect without --task", f"drop {flag}, or add --task")
+    from trocar.lab import load_station, station_text
 
     loaded = load_station(station)
     topics = network(loaded.crtk, ros, interface, peer, domain, master)
-    from trocar.crtk.server import MAX_LATE_S, CrtkServer
+    if topics.ros == 2 and topics.domain is None:
+        topics = replace(topics, domain=int(os.environ.get("ROS_DOMAIN_ID", "0")))
+    from trocar.crtk.served_cell import ServedCell
     from trocar.lab.laboratory import build_cell
-    from trocar.sim.pace import RealTime
+    from trocar.lab.station_file import with_registered, with_topics
 
-    pace, laboratory = RealTime(speed, MAX_LATE_S), build_cell(loaded, seed=seed)
-    server = CrtkServer(laboratory, topics, speed)
-    names = ", ".join(topics.of_arm(name) for name in server.arms)
-    beside().print(f"serving {names} over ROS {topics.ros} on {topics.interface}; Ctrl-C ends it")
-    with contextlib.suppress(KeyboardInterrupt):
-        laboratory.run(server.serve, seconds or float("inf"), pace)
+    referee, folder = None, out
+    if task:
+        from trocar.crtk.referee import Referee
+        from trocar.eval import TASKS
+        from trocar.eval.method import make_task
+
+        folder = out or default_folder(f"served-{task}-{seed}", {"station": station, "option": option or []})
+        chosen = make_task(TASKS.pick(task), option or ())
+        referee = Referee(chosen, station, seed, session, trial, folder)
+    laboratory = referee.staged.laboratory if referee else build_cell(loaded, seed=seed)
+    if client_station is None and folder is not None:
+        client_station = folder / "station.toml"
+    drawn = laboratory.session
+    if client_station is not None:
+        cameras = {
+            name: (drawn.T_world_camera_registered[name], camera.model) for name, camera in laboratory.cameras.items()
+        }
+        text = with_registered(station_text(station), drawn.T_world_base_registered, cameras)
+        write_text(client_station, with_topics(text, topics), "station")
+    with ServedCell(laboratory, topics, speed, images_hz) as served:
+        names = ", ".join(
+            [topics.of_arm(name) for name in served.arms] + list(map(topics.of_camera, drawn.station.cameras))
+        )
+        beside().print(f"serving {names} over ROS {topics.ros} on {topics.interface}; Ctrl-C ends it", soft_wrap=True)
+        if client_station is not None:
+            beside().print(f"a client's station: {client_station}", soft_wrap=True)
+        end = served.run(seconds or float("inf"))
+        images = served.files() if referee else ({}, {})
+    time = served.timeliness()
     summary = {
         "station": station,
         "seconds": laboratory.now_s(),
-        "received": {name: arm.received for name, arm in server.arms.items()},
-        "commands": {name: dict(arm.counts) for name, arm in server.arms.items()},
-        "limit_use": {name: laboratory.driver.limit_use(name) for name in server.arms},
+        "received": {name: arm.received for name, arm in served.arms.items()},
+        "commands": {name: dict(arm.counts) for name, arm in served.arms.items()},
+        "limit_use": {name: laboratory.driver.limit_use(name) for name in served.arms},
         "events": laboratory.log.events,
+        "time": asdict(time),
     }
     told = ", ".join(f"{count} set-points for {name}" for name, count in summary["received"].items())
-    return Result(summary, [f"served for {laboratory.now_s():.1f} s: {told}, {len(laboratory.log.events)} events"])
+    lines: list[Any] = [
+        f"served for {laboratory.now_s():.1f} s: {told}, {len(laboratory.log.events)} events",
+        f"{100 * time.late_share:.2f} % of the ticks were late by a tick or more, the latest by "
+        f"{1e3 * time.latest_s:.0f} ms; {100 * time.core_share:.0f} % of a core",
+    ]
+    if referee is not None:
+        from trocar.eval.trials import Trials
+        from trocar.report.files import report_of, write_report
+        from trocar.report.tables import headline, run_table
+
+        path = referee.save(end, images)
+        beside().print(f"saved: {path}", soft_wrap=True)  # before its pictures, which take seconds
+        trials = Trials([path])
+        found, files = write_report(path.parent.parent, trials, into=path.with_suffix(""))
+        report = report_of(trials[0])
+        summary |= {"trial": str(path), "summary": found}
+        table = run_table(found, report.paper_rows(found), report.paper_count(found))
+        lines = [table, *lines, headline(found), "files: " + ", ".join(map(str, [path, *files]))]
+    return Result(summary, lines)

@@ -58,7 +58,7 @@ def methods(task: Annotated[str, Argument(metavar="TASK", help="Name of a task."
     need("sim")
     from trocar.eval import TASKS, listed_settings, methods_of, pick_method  # NumPy only when needed
     from trocar.eval.prepare import IMAGES_ROWS
-    from trocar.eval.run import plain
+    from trocar.eval.staged import plain
     from trocar.lab import load_station
     from trocar.registry import Lazy
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Hashable
+from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from trocar.errors import NotInstalled
@@ -16,6 +18,42 @@ except ImportError:
 KEPT_UNREAD = 1000
 """Messages that a subscriber keeps until they are taken, if nothing else is said; beyond them the oldest are lost."""
 Message = TypeVar("Message")
+
+
+@dataclass(frozen=True)
+class Client:
+    """Who sends, as it says itself: ROS checks nobody's name.
+
+    Attributes:
+        node: its ROS name, such as ``/console``; empty if it has none.
+        addresses: of its machine.
+        process: its number there; empty if unknown.
+    """
+
+    node: str = ""
+    addresses: tuple[str, ...] = ()
+    process: str = ""
+
+    def __str__(self) -> str:
+        process = f"process {self.process}" if self.process else "somebody unknown"
+        return f"{self.node or process} on {', '.join(self.addresses) or 'an unknown machine'}"
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A publisher or a subscriber somewhere.
+
+    Attributes:
+        topic: such as ``/PSM1/servo_jp``.
+        kind: its message, such as ``sensor_msgs/JointState``; empty if unknown.
+        publishes: it does; else it subscribes.
+        client: whose it is.
+    """
+
+    topic: str
+    kind: str
+    publishes: bool
+    client: Client
 
 
 class Bus(Protocol):
@@ -40,6 +78,14 @@ class Bus(Protocol):
         """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
         ...
 
+    def endpoints(self) -> list[Endpoint]:
+        """Return all publishers and subscribers, of every program, that have been met so far."""
+        ...
+
+    def client(self, sender: Hashable) -> Client:
+        """Return who one of a subscriber's ``sent_by`` is."""
+        ...
+
 
 class Publisher(Generic[Message]):
     """Sends messages of one topic."""
@@ -59,24 +105,28 @@ class Subscriber(Generic[Message]):
     Attributes:
         last: the newest message so far; None before the first.
         at_s: the machine's monotonic clock when it came, or when it was taken if that is not known.
+        sent_by: who sent each message of the last ``take``; ``Bus.client`` tells who that is.
     """
 
     def __init__(self) -> None:
         self.last: Message | None = None
         self.at_s = 0.0
+        self.sent_by: list[Hashable] = []
 
     def take(self) -> list[Message]:
         """Return what has come since the last call, oldest first."""
         come = self._come()
+        self.sent_by = [sender for _, sender, _ in come]
         if come:
-            self.at_s, self.last = come[-1]
-        return [message for _, message in come]
+            self.at_s, _, self.last = come[-1]
+        return [message for _, _, message in come]
 
     def senders(self) -> int:
         """Return how many publishers it is connected to now."""
         raise NotImplementedError
 
-    def _come(self) -> list[tuple[float, Message]]:
+    def _come(self) -> list[tuple[float, Hashable, Message]]:
+        """Return when each message came, who sent it, and the message."""
         raise NotImplementedError
 
 

@@ -1,17 +1,55 @@
-"""Images as ROS cameras publish them: their messages read, and windows cut out of them."""
+"""Images as ROS cameras publish them: their messages made and read, and windows cut out of them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.crtk.messages import Image
+from trocar.crtk.messages import CameraInfo, Header, Image
 from trocar.errors import InvalidInput
+from trocar.perception.image import CameraModel, RgbdImage, StereoImage, StereoRig, StereoWindow, Window
 from trocar.perception.image import Image as Taken
-from trocar.perception.image import RgbdImage, StereoImage, StereoWindow, Window
 
 COLORS = {"rgb8": (3, slice(None)), "bgr8": (3, slice(None, None, -1))}
 COLORS |= {"rgba8": (4, slice(0, 3)), "bgra8": (4, slice(2, None, -1)), "mono8": (1, [0, 0, 0])}
+
+
+def color_message(color: NDArray[np.uint8], header: Header) -> Image:
+    """Return the message of colours (height, width, 3) RGB."""
+    height, width, channels = color.shape
+    return Image(header, height, width, "rgb8", 0, channels * width, color.tobytes())
+
+
+def depth_message(depth_m: NDArray[np.float32], header: Header) -> Image:
+    """Return the message of depth (height, width) in m, NaN where there is none."""
+    height, width = depth_m.shape
+    return Image(header, height, width, "32FC1", 0, 4 * width, depth_m.astype("<f4").tobytes())
+
+
+def info_message(model: CameraModel, part: str, header: Header) -> CameraInfo:
+    """Return the message of a lens.
+
+    Args:
+        model: one lens, or the two of a rectified pair.
+        part: of an image: ``right`` is a pair's right lens, whose projection is shifted by the baseline.
+        header: of the message.
+    """
+    lens, shift_m = model, 0.0
+    if isinstance(model, StereoRig):
+        lens = model.right if part == "right" else model.left
+        shift_m = float(model.T_left_right.translation_m[0]) if part == "right" else 0.0
+    assert not isinstance(lens, StereoRig)
+    projection = np.column_stack([lens.matrix, [-lens.fx * shift_m, 0.0, 0.0]])
+    return CameraInfo(
+        header=header,
+        height=lens.height,
+        width=lens.width,
+        distortion_model="plumb_bob",
+        d=list(lens.distortion),
+        k=lens.matrix.ravel().tolist(),
+        r=np.eye(3).ravel().tolist(),
+        p=projection.ravel().tolist(),
+    )
 
 
 def color_of(message: Image, item: str = "an image") -> NDArray[np.uint8]:

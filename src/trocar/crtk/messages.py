@@ -187,15 +187,6 @@ class OldOperatingState(OperatingState, typename="crtk_msgs.msg.dds_.operating_s
 
 
 @dataclass
-class Vector3(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):
-    """A direction, or a way, m."""
-
-    x: float64 = 0.0
-    y: float64 = 0.0
-    z: float64 = 0.0
-
-
-@dataclass
 class Transform(IdlStruct, typename="geometry_msgs.msg.dds_.Transform_"):
     """A pose as a transform."""
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, jacobian
 from trocar.cell import JointReading
-from trocar.crtk.arm import JOINTS
 from trocar.crtk.bus import Bus, Publisher, stamped
 from trocar.crtk.convert import matrix_of, pose_of, twist_of
+from trocar.crtk.dialect import PSM_JOINTS
 from trocar.crtk.messages import (
     Float64,
     Float64MultiArray,
@@ -87,7 +87,7 @@ class ArmReport:
             goal: (joints,) where its motion ends.
         """
         setpoint, reading = driver.setpoint(name), driver.read(name)
-        joints: list[str] = list(JOINTS)
+        joints: list[str] = list(PSM_JOINTS)
         velocity = self._velocity(reading)
         now, base, tip = stamped("world", now_s), self._tip + "_base", self._tip
         local = Header(now.stamp, base)

@@ -6,11 +6,13 @@ import importlib
 import os
 import time
 from collections import deque
+from collections.abc import Hashable
 from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, TypeVar
+from urllib.parse import urlsplit
 
-from trocar.crtk.bus import KEPT_UNREAD, Publisher, Subscriber
+from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Publisher, Subscriber
 from trocar.crtk.messages import Time, ros_name
 from trocar.errors import InvalidInput
 from trocar.lab.topics import Topics
@@ -62,6 +64,26 @@ class Ros1Bus:
         del latched  # ROS 1: the publisher's affair
         return _Subscriber(topic, kind, kept)
 
+    def endpoints(self) -> list[Endpoint]:
+        """Return all publishers and subscribers that the master knows."""
+        master = rosgraph.Master("/trocar")
+        publishers, subscribers, _ = master.getSystemState()
+        kinds = dict(master.getTopicTypes())
+        return [
+            Endpoint(topic, kinds.get(topic, ""), publishes, self.client(node))
+            for publishes, topics in ((True, publishers), (False, subscribers))
+            for topic, nodes in topics
+            for node in nodes
+        ]
+
+    def client(self, sender: Hashable) -> Client:
+        """Return who one of a subscriber's ``sent_by`` is."""
+        try:
+            address = urlsplit(rosgraph.Master("/trocar").lookupNode(str(sender))).hostname
+        except rosgraph.MasterException:  # it has gone
+            address = None
+        return Client(str(sender), (address,) if address else ())
+
 
 @cache
 def _node(interface: str, master: str) -> None:
@@ -109,11 +131,11 @@ class _Subscriber(Subscriber[Message]):
     def _hear(self, message: Any) -> None:
         self._unread.append((time.monotonic(), message))
 
-    def _come(self) -> list[tuple[float, Message]]:
+    def _come(self) -> list[tuple[float, Hashable, Message]]:
         come = []
         while self._unread:
             at_s, message = self._unread.popleft()
-            come.append((at_s, _read(self._kind(), message)))
+            come.append((at_s, message._connection_header["callerid"], _read(self._kind(), message)))
         return come
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Hashable
 from functools import cache
 from typing import Any, TypeVar
 
@@ -15,7 +16,8 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from trocar.crtk.bus import KEPT_UNREAD, Publisher, Subscriber
+from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Publisher, Subscriber
+from trocar.crtk.ros2_graph import Graph
 from trocar.errors import InvalidInput
 from trocar.lab.topics import Topics
 
@@ -44,7 +46,7 @@ class Ros2Bus:
 
     def __init__(self, topics: Topics):
         domain = int(os.environ.get("ROS_DOMAIN_ID", "0")) if topics.domain is None else topics.domain
-        self._participant = _participant(topics.interface, topics.peers, domain)
+        self._participant, self._graph = _participant(topics.interface, topics.peers, domain)
 
     def publisher(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
@@ -61,18 +63,27 @@ class Ros2Bus:
         """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
         return _Reader(DataReader(self._participant, self._topic(topic, kind), qos=_quality(latched, kept)), kept)
 
+    def endpoints(self) -> list[Endpoint]:
+        """Return all publishers and subscribers, of every program, that have been met so far."""
+        return self._graph.endpoints()
+
+    def client(self, sender: Hashable) -> Client:
+        """Return who one of a subscriber's ``sent_by`` is."""
+        return self._graph.client(sender)
+
     def _topic(self, name: str, kind: type) -> Any:
         return Topic(self._participant, f"rt/{name.strip('/')}", kind)
 
 
 @cache
-def _participant(interface: str, peers: tuple[str, ...], domain: int) -> Any:
-    """Return this process's participant: a domain can be configured once in a process."""
+def _participant(interface: str, peers: tuple[str, ...], domain: int) -> tuple[Any, Graph]:
+    """Return this process's participant, and what it sees: a domain can be configured once in a process."""
     hosts = "".join(f'<Peer address="{host}"/>' for host in (interface, *peers))
     text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS)
     try:
         DOMAINS.append(Domain(domain, text))
-        return DomainParticipant(domain)
+        participant = DomainParticipant(domain)
+        return participant, Graph(participant)
     except Exception as error:
         problem = f"cannot be used ({error})"
         remedy = "give the address of one, the same everywhere in a process"
@@ -98,10 +109,10 @@ class _Reader(Subscriber[Message]):
     def senders(self) -> int:
         return len(self._reader.get_matched_publications())
 
-    def _come(self) -> list[tuple[float, Message]]:
+    def _come(self) -> list[tuple[float, Hashable, Message]]:
         now_s = time.monotonic()
-        samples = self._reader.take(N=self._kept)
-        return [(now_s, sample) for sample in samples if not isinstance(sample, InvalidSample)]
+        samples = [one for one in self._reader.take(N=self._kept) if not isinstance(one, InvalidSample)]
+        return [(now_s, sample.sample_info.publication_handle, sample) for sample in samples]
 
 
 def _quality(latched: bool, kept: int) -> Any:

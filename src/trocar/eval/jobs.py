@@ -15,12 +15,14 @@ from trocar.errors import BadFile, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import RECORD, is_done, load_trials, open_folder, set_aside
 from trocar.eval.prepare import Prepared, prepare
-from trocar.eval.run import AGENT_ERROR, Listener, run_trial
+from trocar.eval.run import run_trial
+from trocar.eval.staged import AGENT_ERROR
 from trocar.eval.study import Condition, RowKind
 from trocar.eval.task import TASKS
 from trocar.eval.trial import trial_file
 from trocar.eval.trials import Trials
 from trocar.eval.workers import Workers, pick_workers, run_all
+from trocar.sim.laboratory import Listener
 from trocar.sim.world import PhysicsError
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,6 +15,9 @@ from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.task import Task
 from trocar.motion.plan import Planner
 from trocar.registry import Lazy, Registry
+
+CLIENT = "client"
+"""What trials have as their method that another program played, of which nothing else is known."""
 
 
 class Agent(Protocol):
@@ -138,13 +141,12 @@ def _changed(settings: Any, name: str, path: Sequence[str], text: str) -> Any:
     if path[0] not in names:
         raise UnknownName("setting", name, [known for known, _ in listed_settings(settings)])
     value = getattr(settings, path[0])
-    new = _changed(value, name, path[1:], text) if path[1:] else _parsed(name, text, value)
+    new = _changed(value, name, path[1:], text) if path[1:] else _parsed(f"setting {name!r}", text, value)
     return replace(settings, **{path[0]: new})
 
 
-def _parsed(name: str, text: str, usual: Any) -> Any:
-    """Return the value of a setting in the type of its default."""
-    item = f"setting {name!r}"
+def _parsed(item: str, text: str, usual: Any) -> Any:
+    """Return a value in the type of its default; ``item`` is its name in error messages."""
     if isinstance(usual, bool):
         if text not in ("true", "false"):
             raise InvalidValue(item, repr(text), "give true or false")
@@ -167,6 +169,30 @@ def _parsed(name: str, text: str, usual: Any) -> Any:
         pass
     what = {int: "a whole number", float: "a number"}.get(kind, f"{np.size(usual)} numbers with commas")
     raise InvalidValue(item, repr(text), f"give {what}")
+
+
+def make_task(kind: type[Task], changes: Sequence[str] = ()) -> Task:
+    """Return a task with some of its options changed.
+
+    Args:
+        kind: the task.
+        changes: ``NAME=VALUE`` for each option that differs from its default.
+
+    Raises:
+        UnknownName: there is no such option.
+        InvalidInput: it cannot have this value.
+    """
+    usual = {one.name: one.default for one in fields(kind)}  # type: ignore[arg-type]
+    values: dict[str, Any] = {}
+    for change in changes:
+        name, equals, text = (part.strip() for part in change.partition("="))
+        if not equals:
+            raise InvalidInput(f"option {change!r}", "has no value", "give NAME=VALUE, as in variant=handover")
+        if name not in usual:
+            raise UnknownName(f"{kind.name} option", name, list(usual))
+        default = "" if usual[name] is MISSING else usual[name]
+        values[name] = _parsed(f"option {name!r}", text, default)
+    return kind(**values)
 
 
 def _require_method(name: str, method: Any) -> None:

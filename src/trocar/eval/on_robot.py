@@ -11,14 +11,16 @@ from trocar.calibration.fleet import FleetPrior, expected, load_prior
 from trocar.calibration.models import CableModel, load_model
 from trocar.eval.config import TRIALS, RunConfig
 from trocar.eval.method import AgentContext, pick_perception
-from trocar.eval.run import DONE, End, Listener, Photographer, compensated, encoded, plain, play_agent
+from trocar.eval.run import compensated, play_agent
 from trocar.eval.scenery import Scenery
+from trocar.eval.staged import DONE, End, Photographer, encoded, plain
 from trocar.eval.trial import Trial
 from trocar.hardware.kinds import robot_of
 from trocar.hardware.laboratory import HardwareLaboratory, registered
 from trocar.log import machine_speed
 from trocar.motion import PLANNERS
 from trocar.robots import TICK_S
+from trocar.sim.laboratory import Listener
 
 STOPPED = "STOPPED"
 """How a trial ended that a person stopped."""

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from enum import Enum
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from trocar.errors import BadFile, InvalidInput, UnknownName
 from trocar.geometry import SE3
 from trocar.lab.station import Station
-from trocar.perception.image import Intrinsics, StereoRig
+from trocar.lab.topics import Topics
+from trocar.perception.image import CameraModel, Intrinsics, StereoRig
 
 EXACT = 1e-9
 """m and rad: values read back are those that were written."""
@@ -80,14 +85,14 @@ def read_station(text: str, where: str = "the station") -> Station:
 
 
 def with_registered(
-    text: str, T_world_base: Mapping[str, SE3], cameras: Mapping[str, tuple[SE3, StereoRig]] | None = None
+    text: str, T_world_base: Mapping[str, SE3], cameras: Mapping[str, tuple[SE3, CameraModel]] | None = None
 ) -> str:
     """Return a station's TOML text with these ``registered`` poses; everything else stays as it is.
 
     Args:
         text: of the station.
         T_world_base: bases, by arm.
-        cameras: pose in the world and lenses of stereo pairs, by camera.
+        cameras: pose in the world and, of stereo pairs, the lenses, by camera.
 
     Raises:
         InvalidInput: an arm or a camera has no separate table ``[arms.NAME]``, ``[cameras.NAME]`` in the text.
@@ -95,16 +100,41 @@ def with_registered(
     cameras = cameras or {}
     for name, T in T_world_base.items():
         text = _with_line(text, "arms", name, f"registered = {_pose(T)}")
-    for name, (T, rig) in cameras.items():
-        text = _with_line(text, "cameras", name, f"registered = {{ pose = {_pose(T)}, {_lenses(rig)} }}")
+    for name, (T, model) in cameras.items():
+        lenses = f", {_lenses(model)}" if isinstance(model, StereoRig) else ""
+        text = _with_line(text, "cameras", name, f"registered = {{ pose = {_pose(T)}{lenses} }}")
     station = read_station(text)
     for name, T in T_world_base.items():
         _require_same(f"arm {name!r}", station.arm(name).T_world_base_registered, T)
-    for name, (T, rig) in cameras.items():
+    for name, (T, model) in cameras.items():
         found = station.cameras[name]
         _require_same(f"camera {name!r}", found.T_world_camera_registered, T)
-        _require_same(f"camera {name!r}", found.rig_registered and found.rig_registered.T_left_right, rig.T_left_right)
+        if isinstance(model, StereoRig):
+            rig = found.rig_registered
+            _require_same(f"camera {name!r}", rig and rig.T_left_right, model.T_left_right)
     return text
+
+
+def with_topics(text: str, topics: Topics) -> str:
+    """Return a station's TOML text whose table ``[crtk]`` says that its arms and cameras speak there."""
+    values = {one.name: getattr(topics, one.name) for one in fields(topics)}
+    lines = [f"{name} = {_toml(value)}" for name, value in values.items() if value not in (None, (), {})]
+    kept, inside = [], False
+    for line in text.splitlines():
+        if line.lstrip().startswith("["):
+            inside = re.match(r"\s*\[\s*crtk\s*[.\]]", line) is not None
+        kept += [] if inside else [line]
+    text = "\n".join(["\n".join(kept).rstrip(), "", "[crtk]", *lines]) + "\n"
+    if read_station(text).crtk != topics:
+        raise InvalidInput("the table [crtk] of the station's file", "could not be written", "add it by hand")
+    return text
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML has it; strings, numbers and lists look as in JSON."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{json.dumps(name)} = {_toml(one)}' for name, one in value.items())} }}"
+    return json.dumps(value.value if isinstance(value, Enum) else value)
 
 
 def _require_same(what: str, found: SE3 | None, written: SE3) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from trocar.counting import counted
 from trocar.eval import TASKS, TaskReport, in_words, pick_method
+from trocar.eval.method import CLIENT
 from trocar.eval.trial import Trial
 from trocar.files.output import write_text
 from trocar.lab.flaws import DEFAULT, HARSH, HARSHER, MILD, RECORDED
@@ -221,6 +222,8 @@ def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
     ``about`` is a trial's: what distinguishes its run from others.
     """
     task = TASKS[about["task"]] if about["task"] in TASKS else None  # noqa: SIM401 (a registry has no get)
+    if about["method"] == CLIENT:
+        return _serving(task, about)
     words: list[str] = ["trocar", "run", about["task"]]
     words += ["--plugin", FILE] * len(about["plugins"])
     words += _options(task, about["options"])
@@ -249,6 +252,19 @@ def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
     switches = ("new_session", "refit_offsets", "flawless_camera")
     words += [f"--{name.replace('_', '-')}" for name in switches if about[name]]
     words += ["--sessions", str(sessions), "--trials", str(trials), "--seed", str(about["seed"])]
+    return shlex.join(words)
+
+
+def _serving(task: Any, about: Mapping[str, Any]) -> str:
+    """Return the command that serves a trial again; what a client does then is up to the client."""
+    named = _station(task, about)
+    words = ["trocar", "crtk", "serve", named[1] if named else task.station, "--task", about["task"]]
+    words += ["--plugin", FILE] * len(about["plugins"])
+    usual = task().options() if task is not None else {}
+    for name, value in about["options"].items():
+        if value is not None and (name not in usual or usual[name] != value):
+            words += ["--option", f"{name}={FILE if isinstance(value, dict | list) else value}"]
+    words += ["--seed", str(about["seed"]), "--session", str(about["session"]), "--trial", str(about["index"])]
     return shlex.join(words)
 
 

@@ -89,20 +89,23 @@ class SimCamera:
     """A simulated camera behind the ``Camera`` protocol.
 
     Attributes:
+        renderer: of its images.
+        exposure_s: of one image.
+        rng: of its noise.
         model: its lens or lenses as registered.
         taken: all whole images that it took.
     """
 
     def __init__(self, world: World, renderer: CameraRenderer, exposure_s: float, rng: np.random.Generator):
-        self._world, self._renderer, self._exposure_s, self._rng = world, renderer, exposure_s, rng
+        self._world, self.renderer, self.exposure_s, self.rng = world, renderer, exposure_s, rng
         self.model = renderer.model
         self.taken: list[Image] = []
 
     async def capture(self, window: Window | StereoWindow | None = None) -> Image:
         """Expose one image; it shows the end of the exposure."""
-        self._renderer.read_out(window)  # a window that is refused takes no time
-        await trio.sleep(self._exposure_s)
-        image = self._renderer.image(self._world.data, self._rng, window)
+        self.renderer.read_out(window)  # a window that is refused takes no time
+        await trio.sleep(self.exposure_s)
+        image = self.renderer.image(self._world.data, self.rng, window)
         if window is None:
             self.taken.append(image)
         return image

@@ -31,6 +31,9 @@ GRACE_S, HURRY_S = 1.0, 10.0
 """A script may use this much time after its budget to clean up under a shield; then its sleeps pass at this much a
 tick."""
 
+Listener = Callable[[Mapping[str, object]], None]
+"""Called with each event of a log."""
+
 
 class SimClock:
     """The virtual time of a cell: computations take the time declared for them."""
@@ -78,7 +81,7 @@ class SimLaboratory:
         *,
         flaws: SensorFlaws | None = None,
         surface: Surface | None = None,
-        listener: Callable[[Mapping[str, object]], None] | None = None,
+        listener: Listener | None = None,
     ):
         station, self.session, self.task = session.station, session, task or TaskWorld()
         self._ticks = 0

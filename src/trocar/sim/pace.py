@@ -49,22 +49,32 @@ class RealTime:
     Args:
         speed: seconds of the cell per second of the wall clock.
         max_late_s: a cell that is late by up to this much hurries to catch up; one that is later goes on from there.
+
+    Attributes:
+        ticks: that have begun.
+        late_ticks: those of them that began a whole tick late, or more.
+        latest_s: the greatest lateness, on the wall clock.
     """
 
     def __init__(self, speed: float = 1.0, max_late_s: float = math.inf):
         if not (math.isfinite(speed) and speed > 0):
             raise InvalidValue("the speed of a real-time clock", speed, "give a number above 0")
         self._speed, self._max_late_s, self._origin_s = speed, max_late_s, math.nan
+        self.ticks, self.late_ticks, self.latest_s = 0, 0, 0.0
 
     async def wait(self, now_s: float) -> None:
         """Sleep until the wall clock has caught up."""
         if math.isnan(self._origin_s):
             self._origin_s = time.perf_counter() - now_s / self._speed
-        left_s = self._origin_s + now_s / self._speed - time.perf_counter()
+        due_s = self._origin_s + now_s / self._speed
+        left_s = due_s - time.perf_counter()
         if left_s < -self._max_late_s:
             self._origin_s -= left_s
         if left_s > 0:
             await trio.to_thread.run_sync(time.sleep, left_s)  # wall-clock time: trio's clock is the cell's here
+        late_s = time.perf_counter() - due_s
+        self.ticks, self.latest_s = self.ticks + 1, max(self.latest_s, late_s)
+        self.late_ticks += late_s >= TICK_S / self._speed
 
 
 class Stepping:

@@ -1,0 +1,131 @@
+"""Who is there in a ROS 2 domain: publishers, subscribers, and whose they are."""
+
+# cyclonedds reads the annotations of these classes, so they are not strings here.
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
+from uuid import UUID
+
+from cyclonedds.builtin import (
+    BuiltinDataReader,
+    BuiltinTopicDcpsParticipant,
+    BuiltinTopicDcpsPublication,
+    BuiltinTopicDcpsSubscription,
+)
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.internal import InvalidSample
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from trocar.crtk.bus import Client, Endpoint
+
+if TYPE_CHECKING:
+    sixteen: TypeAlias = list[int]
+    sequence = list
+else:
+    from cyclonedds.idl.types import array, sequence, uint8
+
+    sixteen = array[uint8, 16]
+
+MOST = 10_000
+"""Endpoints that are looked at."""
+GONE = Client()
+HERE = "127.0.0.1"
+
+
+@dataclass
+class Gid(IdlStruct, typename="rmw_dds_common.msg.dds_.Gid_"):
+    """Identity of a participant, writer or reader (ROS 2 Iron and later)."""
+
+    data: sixteen = field(default_factory=lambda: [0] * 16)
+
+
+@dataclass
+class NodeEntities(IdlStruct, typename="rmw_dds_common.msg.dds_.NodeEntitiesInfo_"):
+    """A node with its readers and writers."""
+
+    node_namespace: str = ""
+    node_name: str = ""
+    reader_gid_seq: sequence[Gid] = field(default_factory=list)
+    writer_gid_seq: sequence[Gid] = field(default_factory=list)
+
+
+@dataclass
+class ParticipantEntities(IdlStruct, typename="rmw_dds_common.msg.dds_.ParticipantEntitiesInfo_"):
+    """The nodes of a participant."""
+
+    gid: Gid = field(default_factory=Gid)
+    node_entities_info_seq: sequence[NodeEntities] = field(default_factory=list)
+
+
+class Graph:
+    """What a participant has discovered.
+
+    DDS itself tells each writer's participant, with its machine's addresses and process; ROS 2's nodes tell on a topic
+    of their own which writers are theirs.
+    """
+
+    def __init__(self, participant: DomainParticipant):
+        self._participants = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
+        self._publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+        self._subscriptions = BuiltinDataReader(participant, BuiltinTopicDcpsSubscription)
+        latched = Qos(
+            Policy.Reliability.Reliable(duration(milliseconds=100)),
+            Policy.Durability.TransientLocal,
+            Policy.History.KeepLast(1),
+        )
+        topic: Any = Topic(participant, "ros_discovery_info", ParticipantEntities)
+        self._nodes: Any = DataReader(participant, topic, qos=latched)
+        self._node_of: dict[UUID, str] = {}
+
+    def endpoints(self) -> list[Endpoint]:
+        """Return all publishers and subscribers that have been met so far."""
+        clients = self._clients()
+        return [
+            Endpoint(
+                f"/{one.topic_name.removeprefix('rt/')}", _ros_name(one.type_name), publishes, self._whose(one, clients)
+            )
+            for publishes, reader in ((True, self._publications), (False, self._subscriptions))
+            for one in _valid(reader)
+            if one.topic_name.startswith("rt/")
+        ]
+
+    def client(self, sender: Hashable) -> Client:
+        """Return whose writer has this handle."""
+        one = next((one for one in _valid(self._publications) if one.sample_info.instance_handle == sender), None)
+        return GONE if one is None else self._whose(one, self._clients())
+
+    def _whose(self, endpoint: Any, clients: dict[UUID, Client]) -> Client:
+        client = clients.get(endpoint.participant_key, GONE)
+        return Client(self._node_of.get(endpoint.key, ""), client.addresses, client.process)
+
+    def _clients(self) -> dict[UUID, Client]:
+        """Return the participants, whose nodes are not told apart."""
+        for told in self._nodes.take(N=MOST):
+            if not isinstance(told, InvalidSample):
+                for node in told.node_entities_info_seq:
+                    name = f"{node.node_namespace.rstrip('/')}/{node.node_name}"
+                    for gid in (*node.writer_gid_seq, *node.reader_gid_seq):
+                        self._node_of[UUID(bytes=bytes(gid.data))] = name
+        return {one.key: _client(one) for one in _valid(self._participants)}
+
+
+def _valid(reader: BuiltinDataReader) -> list[Any]:
+    return [one for one in reader.read(N=MOST) if not isinstance(one, InvalidSample)]  # type: ignore[arg-type]
+
+
+def _client(participant: Any) -> Client:
+    """Return what Cyclone finds out about a participant, and what Fast DDS says of itself."""
+    told = {one.key: one.value for one in participant.qos if isinstance(one, Policy.Property)}
+    addresses = [one.partition("/")[2].rpartition(":")[0] for one in told.get("__NetworkAddresses", "").split(",")]
+    process = told.get("__Pid") or told.get("fastdds.physical_data.process", "")
+    return Client(addresses=tuple(dict.fromkeys(one.strip("[]") or HERE for one in addresses)), process=process)
+
+
+def _ros_name(kind: str) -> str:
+    """Return ``sensor_msgs/JointState`` for ``sensor_msgs::msg::dds_::JointState_``."""
+    package, _, rest = kind.partition("::")
+    return f"{package}/{rest.rpartition('::')[2].removesuffix('_')}"

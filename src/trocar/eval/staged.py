@@ -1,0 +1,194 @@
+"""One trial of a session: its laboratory before anybody plays it, and its file afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, is_dataclass
+from io import BytesIO
+from typing import Any, Protocol, runtime_checkable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from trocar.errors import InvalidInput
+from trocar.eval.config import TRIALS, RunConfig
+from trocar.eval.prepare import Prepared
+from trocar.eval.scenery import Scenery
+from trocar.eval.task import Score, Task
+from trocar.eval.trial import Trial
+from trocar.lab import SensorFlaws
+from trocar.log import machine_speed
+from trocar.perception.image import Image as Taken
+from trocar.perception.image import RgbdImage
+from trocar.robots import TICK_S
+from trocar.sim.laboratory import Listener, SimLaboratory
+from trocar.sim.record import fixed_poses, solids_of
+
+DONE, FAULT, OUT_OF_TIME, AGENT_ERROR = "done", "FAULT", "OUT_OF_TIME", "AGENT_ERROR"
+"""How a trial's script ended: by itself, by a refusal or a device, by its budget, or by an exception of its own."""
+
+QUALITY = 70
+"""WebP quality of the images that are kept, out of 100."""
+EFFORT = 1
+"""WebP effort, out of 6; the default, 4, takes three times as long for a file that is a sixth smaller."""
+THINNED = 4
+"""Depth is stored for one in this many rows and columns, in whole millimetres."""
+PACKED = 3
+"""PNG compression, out of 9; level 9 takes seven times as long for a file that is one percent smaller."""
+
+Files = tuple[dict[str, bytes], dict[str, list[tuple[float, str]]]]
+"""Images as files by name, and for each camera the times and names of its images."""
+
+
+@runtime_checkable
+class Photographer(Protocol):
+    """A camera that keeps its images."""
+
+    @property
+    def taken(self) -> Sequence[Taken]:
+        """Return all whole images that it took."""
+        ...
+
+
+@dataclass(frozen=True)
+class End:
+    """How a script ended, why in a sentence, and where in the code if it raised an exception."""
+
+    outcome: str = DONE
+    reason: str = ""
+    where: str = ""
+
+
+class StagedTrial:
+    """A trial's laboratory, drawn from the seeds of its run, for whoever plays it.
+
+    Args:
+        config: of the run.
+        prepared: the session.
+        index: of the trial in its session.
+        listener: called with each event of the log.
+
+    Attributes:
+        laboratory: with the task's objects in it.
+        agent_rng: the agent's own stream of randomness.
+    """
+
+    def __init__(self, config: RunConfig, prepared: Prepared, index: int, listener: Listener | None = None):
+        self._config, self._prepared, self._index = config, prepared, index
+        seeds = config.seeds(prepared.number, TRIALS, index)
+        scene_rng, noise_rng, self.agent_rng = map(np.random.default_rng, seeds.spawn(3))
+        self.laboratory = SimLaboratory(
+            prepared.session,
+            config.task.world(config.task.scene(scene_rng, config.laboratory)),
+            noise_rng,
+            flaws=SensorFlaws.none() if config.flawless_camera else None,
+            listener=listener,
+        )
+        self._solids, self._fixed = solids_of(self.laboratory.world), fixed_poses(self.laboratory.world)
+
+    def finished(self, end: End, wall_s: float, settings: Any, images: Files | None = None) -> Trial:
+        """Return the trial as it was played, scored by the task from what really happened.
+
+        Args:
+            end: how it ended.
+            wall_s: how long it took on this machine.
+            settings: of the method.
+            images: of the cameras; None: those that the laboratory's own cameras took.
+
+        Raises:
+            InvalidInput: the task does not score each of its goals.
+        """
+        config, session, laboratory = self._config, self._prepared.session, self.laboratory
+        if end.outcome != DONE:
+            more = {"traceback": end.where} if end.where else {}
+            laboratory.log.event("stopped", outcome=end.outcome, reason=end.reason, **more)
+        record = laboratory.record()
+        scores = _scored(config.task, laboratory.task.truth(record), laboratory.log.events)
+        blobs, cameras = images or encoded(laboratory.cameras)
+        return Trial(
+            about={
+                **config.about(),
+                "fingerprint": config.fingerprint,
+                "session": self._prepared.number,
+                "index": self._index,
+                "settings": plain(settings),
+                "transmissions": {arm: found.source for arm, found in session.transmissions.items()},
+            },
+            scores=[asdict(score) for score in scores],
+            spans=laboratory.log.spans,
+            events=laboratory.log.events,
+            collisions=[asdict(c) for c in record.collisions],
+            ended=end.outcome,
+            reason=end.reason,
+            duration_s=round(laboratory.now_s(), 6),
+            command_limit_use={arm: laboratory.driver.limit_use(arm) for arm in config.laboratory.arms},
+            arrays={
+                **{name: rows.astype(np.float32) for name, rows in laboratory.recorder.arrays().items()},
+                **laboratory.task.arrays(record),
+            },
+            scenery=Scenery(
+                solids=self._solids,
+                T_world_body=self._fixed,
+                arms=session.models,
+                T_world_base=session.T_world_base,
+                T_world_base_registered=session.T_world_base_registered,
+                cameras=cameras,
+                tick_s=TICK_S,
+            ),
+            images=blobs,
+            computations=laboratory.log.computations,
+            machine_speed=machine_speed(),
+            wall_s=wall_s,
+        )
+
+
+def _scored(task: Task, truth: Any, events: Sequence[Mapping[str, Any]]) -> Sequence[Score]:
+    """Return a task's scores, one for each of its goals."""
+    scores, goals = list(task.score(truth, events)), len(task.goals())
+    if len(scores) != goals or not all(isinstance(score, Score) for score in scores):
+        remedy = "return one trocar.eval.Score for each goal, in order"
+        raise InvalidInput(f"task {task.name!r}", f"has {goals} goals and scores {scores!r}", remedy)
+    return scores
+
+
+def plain(settings: Any) -> Any:
+    """Return settings as JSON values."""
+    if is_dataclass(settings) and not isinstance(settings, type):
+        return {name: plain(value) for name, value in vars(settings).items()}
+    return settings.tolist() if isinstance(settings, np.ndarray) else settings
+
+
+def encoded(cameras: Mapping[str, Photographer]) -> Files:
+    """Return the cameras' whole images as files."""
+    blobs: dict[str, bytes] = {}
+    taken: dict[str, list[tuple[float, str]]] = {}
+    for name, camera in cameras.items():
+        taken[name] = []
+        for number, image in enumerate(camera.taken):
+            files = image_files(f"{name}_{number:03d}", image)
+            blobs |= files
+            taken[name].append((round(image.time_s, 6), next(iter(files))))
+    return blobs, taken
+
+
+def image_files(stem: str, image: Taken) -> dict[str, bytes]:
+    """Return an image as files by name, the colours first.
+
+    Colour is WebP. Depth is a 16-bit PNG in mm, 0 where there was none, beside it under ``STEM_depth.png``.
+    """
+    color = image.color if isinstance(image, RgbdImage) else np.hstack([image.left, image.right])
+    files = {f"{stem}.webp": _webp(color)}
+    if isinstance(image, RgbdImage):
+        depth_mm = np.rint(1e3 * np.nan_to_num(image.depth_m[::THINNED, ::THINNED])).astype(np.uint16)
+        packed = cv2.imencode(".png", np.ascontiguousarray(depth_mm), [cv2.IMWRITE_PNG_COMPRESSION, PACKED])[1]
+        files[f"{stem}_depth.png"] = packed.tobytes()
+    return files
+
+
+def _webp(color: NDArray[np.uint8]) -> bytes:
+    """Return a picture (h, w, 3) as a file; OpenCV would not let us choose the effort."""
+    file = BytesIO()
+    Image.fromarray(color).save(file, "webp", quality=QUALITY, method=EFFORT)
+    return file.getvalue()
