@@ -6,12 +6,12 @@ import pytest
 
 from trocar.errors import TrocarError
 from trocar.tasks.suture.planning import PRESETS, Reward, SutureSetup, dexterity, plan_even
+from trocar.tasks.suture.planning.setup import mirrored
 from trocar.tasks.suture.planning.study import (
     PAPER_TABLE_1,
     LambdaSweep,
     gains,
     lambda_sweep,
-    mirrored,
     plan_values,
     study,
     table_1,
@@ -55,7 +55,7 @@ def test_the_papers_own_gains_are_its_11_to_57_percent_as_differences_in_points(
 def test_the_summary_says_where_the_best_plan_starts_and_where_each_arm_moves_best(demo):
     summary, angles = demo.summary(), np.arange(360)
     assert summary["best_theta_deg"] == pytest.approx(np.degrees(plan_even(demo.map).positions_rad[0]))
-    for highest, curve in zip(summary["manipulability_highest_at_deg"], demo.manipulability, strict=True):
+    for highest, curve in zip(summary["manipulability_highest_at_deg"], demo.map.by_arm, strict=True):
         assert curve[angles == round(highest)] == curve.max()
     row = demo.map.choice
     q = demo.map.joints.q[row, angles][..., 3:]
@@ -96,7 +96,9 @@ def test_a_sweep_like_the_papers_is_told_as_reproduced():
 
 def test_the_second_arm_sees_the_circle_in_a_mirror(demo):
     there = (180 - np.arange(360)) % 360
-    np.testing.assert_allclose(demo.manipulability[1], demo.map.manipulability[there], rtol=1e-9)
+    first, second = demo.map.by_arm
+    np.testing.assert_allclose(second, first[there], rtol=1e-9)
+    np.testing.assert_allclose(demo.map.manipulability, (first + second) / 2, rtol=1e-12)
     image = study(dexterity(mirrored(DEMO.setup), DEMO.reward))
     np.testing.assert_allclose(image.map.margin[::-1, there], demo.map.margin, rtol=1e-7)
     np.testing.assert_allclose(image.points[:, [1, 0, 2]], demo.points, atol=1e-6)

@@ -64,7 +64,7 @@ def _tables(summary: dict[str, Any]) -> list[Any]:
         f"of {summary['positions']}",
         options.table(title, columns, [row]),
         _swept(summary),
-        f"manipulability, arm 1: {summary['manipulability_source']}; arm 2: {summary['assistant_source']}",
+        f"manipulability: {summary['manipulability_source']}",
     ]
 
 

@@ -96,7 +96,8 @@ class Insertion:
         rotation_rad: rotation about the needle's centre that follows.
         regrasp_rad: angle by which the jaws move back along the needle, and then push it on (open in the paper).
         pushes: how often they do so.
-        theta_is: which point of the suture lies at theta: ``entry``, or ``middle`` of the bite (open in the paper).
+        theta_is: which point of the suture lies at theta: the ``middle`` of the bite, so that sutures are even where
+            they hold, or its ``entry`` (open in the paper).
     """
 
     entry_angle_rad: float = math.radians(30.0)
@@ -104,7 +105,7 @@ class Insertion:
     rotation_rad: float = math.radians(70.0)
     regrasp_rad: float = math.radians(35.0)
     pushes: int = 2
-    theta_is: str = "entry"
+    theta_is: str = "middle"
 
     def __post_init__(self) -> None:
         check_range("entry angle", self.entry_angle_rad, 0.0, math.pi / 2, "rad")
@@ -211,6 +212,19 @@ def base_beside(
             raise InvalidValue(f"the base {name}", shown(value, "rad", "g"), "give a finite angle")
     place_m = [sideways_m * math.cos(azimuth_rad), sideways_m * math.sin(azimuth_rad), up_m]
     return SE3.from_parts(SO3.axis("z", azimuth_rad) @ SO3.axis("y", tilt_rad) @ SO3.axis("z", spin_rad), place_m)
+
+
+def mirrored(setup: SutureSetup) -> SutureSetup:
+    """Return the mirror image of a setup in the y-z plane of its circle, base and grasp: the second arm (assumed).
+
+    An arm that is symmetric about the plane of its yaw axis, as the PSM is, then moves at pi - theta, in the other
+    direction, as it did at theta. The paper does not say where its second arm stands or how it holds the needle.
+    """
+    flip = np.diag([-1.0, 1.0, 1.0, 1.0])
+    T_circle_base = setup.T_base_circle.inverse().matrix
+    grasp = replace(setup.grasp, approach_rad=-setup.grasp.approach_rad, skew_rad=-setup.grasp.skew_rad)
+    base = setup.circle.T_world_circle @ SE3.unchecked(flip @ T_circle_base @ flip)
+    return replace(setup, T_world_base=base, grasp=grasp)
 
 
 class Parameter(NamedTuple):

@@ -18,7 +18,7 @@ from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import shown
 from trocar.tasks.suture.planning.grid import plan_even
 from trocar.tasks.suture.planning.plan import Planner, SuturePlan
-from trocar.tasks.suture.planning.primitive import path_samples, suture_joints, tip_poses
+from trocar.tasks.suture.planning.primitive import jaws_above_m, suture_joints
 from trocar.tasks.suture.planning.rewards import DexterityMap, scored
 from trocar.tasks.suture.planning.setup import (
     HOLDABLE_RAD,
@@ -159,14 +159,6 @@ def _cost(setup: SutureSetup, start: DexterityMap, thetas_rad: NDArray[np.float6
         return -plan.reward
     outside = found.joints.excess.sum(-1) + found.joints.too_shallow_m
     return INFEASIBLE_COST + min(float(outside.min(0).max()), INFEASIBLE_COST)
-
-
-def jaws_above_m(setup: SutureSetup) -> float:
-    """Return the smallest height above the tissue's plane of the jaws, from the held point back to their joint."""
-    samples = path_samples(setup)
-    T_circle_tip = tip_poses(setup, samples.advance_m, samples.jaws_rad).matrix
-    held = T_circle_tip[..., 2, 3]
-    return float(np.minimum(held, held + setup.arm.tip_length_m * T_circle_tip[..., 2, 2]).min())
 
 
 def free_bounds(

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput, InvalidValue
-from trocar.geometry import SE3, TURN
-from trocar.tasks.suture.planning.primitive import suture_joints
-from trocar.tasks.suture.planning.rewards import DexterityMap, surrogate_manipulability
-from trocar.tasks.suture.planning.setup import SutureSetup
+from trocar.geometry import TURN
+from trocar.tasks.suture.planning.rewards import DexterityMap
 
 LOCATIONS = ("random", "optimal")
 ALLOWED = ("clockwise", "counterclockwise", "best")
@@ -141,19 +139,6 @@ def _to_ten(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return 10 * values / best if best > 0 else values
 
 
-def mirrored(setup: SutureSetup) -> SutureSetup:
-    """Return the mirror image of a setup in the y-z plane of its circle: base and grasp on the other side.
-
-    An arm that is symmetric about the plane of its yaw axis, as the PSM is, then moves at pi - theta, in the other
-    direction, as it did at theta. The paper does not say where its second arm stands or how it holds the needle.
-    """
-    flip = np.diag([-1.0, 1.0, 1.0, 1.0])
-    T_circle_base = setup.T_base_circle.inverse().matrix
-    grasp = replace(setup.grasp, approach_rad=-setup.grasp.approach_rad, skew_rad=-setup.grasp.skew_rad)
-    base = setup.circle.T_world_circle @ SE3.unchecked(flip @ T_circle_base @ flip)
-    return replace(setup, T_world_base=base, grasp=grasp)
-
-
 @dataclass(frozen=True, eq=False)
 class SutureStudy:
     """The paper's experiments on one setup.
@@ -162,15 +147,11 @@ class SutureStudy:
         map: margins in both directions (Fig. 5), better directions (Fig. 3), dexterities.
         points: (2, 3) Table I, as :func:`table_1` returns it.
         sweep: Fig. 7.
-        manipulability: (arms, n) M of each arm, the one that drives the needle first (Fig. 6).
-        assistant_source: where M of the second arm, which extracts the needle, comes from, in words.
     """
 
     map: DexterityMap
     points: NDArray[np.float64]
     sweep: LambdaSweep
-    manipulability: NDArray[np.float64]
-    assistant_source: str
 
     @property
     def wrist_rad(self) -> NDArray[np.float64]:
@@ -202,24 +183,11 @@ class SutureStudy:
             "weight": map.reward.weight,
             "best_theta_deg": float(np.degrees(map.thetas_rad[best]).round(6)),
             "lambda_sweep": self.sweep.summary(),
-            "manipulability_highest_at_deg": np.degrees(map.thetas_rad[self.manipulability.argmax(1)]).tolist(),
+            "manipulability_highest_at_deg": np.degrees(map.thetas_rad[map.by_arm.argmax(1)]).tolist(),
             "manipulability_source": map.source,
-            "assistant_source": self.assistant_source,
         }
 
 
 def study(map: DexterityMap) -> SutureStudy:
-    """Return the paper's experiments on a setup; the number of positions is a multiple of four.
-
-    The second arm's manipulability comes from the demonstrations or, without any, from the mirror image of the first
-    arm (assumed) driving the same primitive.
-    """
-    if map.recorded:
-        by_arm, source = map.recorded.per_arm_at(map.thetas_rad), map.source
-        if len(by_arm) < 2:
-            source = "no demonstrations of a second arm"
-    else:
-        assistant = surrogate_manipulability(suture_joints(mirrored(map.setup), map.thetas_rad))
-        by_arm = np.stack([map.manipulability, assistant])
-        source = "surrogate: the second arm drives the same primitive, the mirror image of the first arm (assumed)"
-    return SutureStudy(map, table_1(map), lambda_sweep(map), by_arm, source)
+    """Return the paper's experiments on a setup; the number of positions is a multiple of four."""
+    return SutureStudy(map, table_1(map), lambda_sweep(map))

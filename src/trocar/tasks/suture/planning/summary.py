@@ -7,16 +7,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.arms import fk, ik_branches
 from trocar.geometry import shown
 from trocar.geometry.capsules import segment_distances_m
+from trocar.tasks.suture.planning.clearance import above_tissue_m
 from trocar.tasks.suture.planning.plan import SuturePlan, setup_values
-from trocar.tasks.suture.planning.primitive import Suture, SutureJoints, suture_joints, sutures_at
+from trocar.tasks.suture.planning.primitive import (
+    ROLL,
+    Suture,
+    SutureJoints,
+    jaws_above_m,
+    path_samples,
+    suture_joints,
+    sutures_at,
+    tip_poses,
+    unwound,
+)
 from trocar.tasks.suture.planning.rewards import DexterityMap
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, SutureSetup
 
@@ -114,6 +127,9 @@ def circle_out_of_reach(joints: SutureJoints) -> str:
     arcs = unreachable_arcs(joints)
     if not arcs:
         return ""
+    if (height_m := jaws_above_m(joints.setup)) < 0:
+        under = f"the jaws would be {shown(-height_m, 'm', '.2g')} under the tissue, wherever the suture is"
+        return f"{under}; hold the needle farther behind its tip, or turn the grasp"
     all_around = not joints.feasible.any()
     parts = [f"at {'all positions' if all_around else _span(arc)} {arc['reason']}" for arc in arcs[:ARCS_NAMED]]
     more = f"; and at {len(arcs) - ARCS_NAMED} more arcs" if len(arcs) > ARCS_NAMED else ""
@@ -132,23 +148,35 @@ def plan_out_of_reach(sutures: Sequence[Suture]) -> str:
 
 
 def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
-    """Return by how much (2, n, 7) each joint leaves its range, as a share of it, and likewise for the safe depth."""
-    of_ranges = joints.excess / (joints.arm.upper - joints.arm.lower)
-    return np.concatenate([of_ranges, joints.too_shallow_m[..., None] / joints.arm.safe_depth_m], axis=-1)
+    """Return by how much (2, n, 8) each joint leaves its range, as a share of it, and depth and tissue likewise.
+
+    The last two are what is lacking of the safe depth, and how deep the instrument is in the tissue, as a share of its
+    fingers' length.
+    """
+    arm = joints.arm
+    shares = (
+        *np.moveaxis(joints.excess / (arm.upper - arm.lower), -1, 0),
+        joints.too_shallow_m / arm.safe_depth_m,
+        np.maximum(-joints.above_tissue_m, 0.0) / arm.instrument.finger_length_m,
+    )
+    return np.stack(shares, axis=-1)
 
 
 def _reason(joints: SutureJoints, row: int, position: int) -> str:
     """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
-    arm, q = joints.arm, joints.q[row, position]
-    if not np.isfinite(q).all():
+    arm = joints.arm
+    if not np.isfinite(joints.q[row, position]).all():
         return "no configuration of the arm holds the needle as planned"
-    worst = int(np.argmax(relative_excess(joints)[row, position]))
+    nearest = _on_nearest_branch(joints, row, position)
+    q, worst = nearest.q[0, 0], int(np.argmax(relative_excess(nearest)))
     if worst == len(arm.joints):
-        short_m = joints.too_shallow_m[row, position]
+        short_m = nearest.too_shallow_m[0, 0]
         return (
             f"the wrist would be {shown(arm.safe_depth_m - short_m, 'm')} beyond the remote centre, "
             f"{shown(short_m, 'm')} less than the safe depth of {shown(arm.safe_depth_m, 'm', '.0f')}"
         )
+    if worst > len(arm.joints):
+        return f"the instrument would be {shown(-joints.above_tissue_m[row, position], 'm', '.2g')} under the tissue"
     joint, values = arm.joints[worst], q[:, worst]
     over, under = float(values.max()) - joint.upper, joint.lower - float(values.min())
     limit, excess, sign = (joint.upper, over, 1) if over >= under else (joint.lower, under, -1)
@@ -156,6 +184,25 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
         f"joint '{joint.name}' would reach {joint.shown(limit + sign * excess)}, {joint.shown(excess)} "
         f"beyond its limit of {joint.shown(limit, '.0f')}"
     )
+
+
+def _on_nearest_branch(joints: SutureJoints, row: int, position: int) -> SutureJoints:
+    """Return one suture in those joints, of all that hold the needle as planned, that leave the ranges least.
+
+    The arm's own branch may lack far more: it puts the wrist on the other side of the remote centre where another one
+    only needs more of a wrist joint.
+    """
+    arm, samples = joints.arm, path_samples(joints.setup)
+    q, real = ik_branches(arm, fk(arm, joints.q[row, position]))
+    q = np.moveaxis(q[:, real.all(0)], 1, 0)
+    q[..., ROLL] = unwound(q[..., ROLL], arm.middle_floats[ROLL])
+    T_circle_tip = tip_poses(joints.setup, samples.advance_m, samples.jaws_rad)[row : row + 1]
+    found = []
+    for one in q[:, None, None]:
+        above_m = above_tissue_m(arm, T_circle_tip, one[..., 5])
+        here = joints.thetas_rad[[position]]
+        found.append(replace(joints, thetas_rad=here, q=one, above_tissue_m=above_m))
+    return min(found, key=lambda one: relative_excess(one).max())
 
 
 def _span(arc: Mapping[str, Any]) -> str:

@@ -40,7 +40,7 @@ def draw_reasons(map: DexterityMap, plan: SuturePlan, path: str | Path) -> Path:
         rewards(axes[0], map, plan, title)
         margins(axes[1], map, "Joint margin")
         wrist_angles(axes[2], map, "Wrist in the better direction")
-        manipulability(axes[3], map, map.manipulability[None], "Manipulability")
+        manipulability(axes[3], map, map.by_arm, "Manipulability")
         for panel in axes[:-1]:
             panel.set_xlabel("")
         figure.align_ylabels(axes)
@@ -54,7 +54,7 @@ def draw_study(study: SutureStudy, folder: str | Path) -> list[Path]:
         "figure_3": lambda axes: directions(axes, map, "Fig. 3: better direction"),
         "figure_4": lambda axes: wrist_angles(axes, map, "Fig. 4: wrist angles"),
         "figure_5": lambda axes: margins(axes, map, "Fig. 5: joint margin"),
-        "figure_6": lambda axes: manipulability(axes, map, study.manipulability, "Fig. 6: manipulability"),
+        "figure_6": lambda axes: manipulability(axes, map, map.by_arm, "Fig. 6: manipulability"),
         "figure_7": lambda axes: lambda_curves(axes, study, "Fig. 7: plans at several λ"),
         "table_1": lambda axes: table_bars(axes, study, "Table I"),
     }

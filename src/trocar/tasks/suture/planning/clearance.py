@@ -1,0 +1,45 @@
+"""How high fingers, wrist and shaft of an instrument stay above the tissue while it drives a needle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel
+from trocar.geometry import SE3
+
+FINGER, CLOSING = np.array([0.0, 0.0, -1.0]), np.array([-1.0, 0.0, 0.0])
+"""In the frame of an arm's tip: along the jaws, and out of the plane in which they meet (``tests`` check all arms)."""
+
+
+def fingers_above_m(arm: ArmModel, T_circle_tip: SE3) -> NDArray[np.float64]:
+    """Return the height (2, k) of the lowest corner of closed fingers above the tissue's plane.
+
+    Args:
+        arm: whose instrument.
+        T_circle_tip: (2, k) poses of its tip at theta = 0; other positions only turn them about the vertical.
+    """
+    shape = arm.instrument
+    corners = np.concatenate([shape.finger_m(1), shape.finger_m(-1)])
+    in_tip = np.stack([corners[:, 1], corners[:, 2], arm.tip_length_m - corners[:, 0]], -1)
+    return T_circle_tip.matrix[..., 2, 3] + (T_circle_tip.matrix[..., 2, :3] @ in_tip.T).min(-1)
+
+
+def above_tissue_m(arm: ArmModel, T_circle_tip: SE3, wrist_yaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the least height (2, n) of the instrument above the tissue's plane along sutures; NaN counts as high.
+
+    The wrist and the lower end of the shaft are balls at the wrist's pitch axis. Further up, the shaft rises to the
+    port.
+
+    Args:
+        arm: whose instrument.
+        T_circle_tip: as above.
+        wrist_yaw_rad: (2, n, k) its last joint.
+    """
+    shape, up = arm.instrument, T_circle_tip.matrix[..., 2, :3]
+    along, aside = (up @ FINGER)[:, None], (up @ CLOSING)[:, None]
+    turned = wrist_yaw_rad + arm.offsets[5]
+    yaw_axis = T_circle_tip.matrix[..., 2, 3][:, None] - arm.tip_length_m * along
+    pitch_axis = yaw_axis - arm.wrist_length_m * (np.cos(turned) * along + np.sin(turned) * aside)
+    wrist = np.fmin.reduce(pitch_axis, axis=-1) - max(shape.shaft_radius_m, shape.wrist_radius_m)
+    return np.fmin(fingers_above_m(arm, T_circle_tip).min(-1)[:, None], wrist)
