@@ -44,6 +44,8 @@ def test_without_a_bound_gaps_are_such_that_bites_do_not_cross_if_that_is_possib
     assert bounds_deg(spacing(12, "gaps")) == pytest.approx((30, 40)), "nothing but even gaps is as wide"
     assert bounds_deg(spacing(1, "gaps")) == pytest.approx((240, 360))
     assert bounds_deg(spacing(8, "gaps", "20:60")) == pytest.approx((20, 60)), "as asked"
+    assert bounds_deg(spacing(4, "gaps", ":30")) == pytest.approx((30, 30)), "which the planner refuses with its reason"
+    assert bounds_deg(spacing(4, "gaps", "200:")) == pytest.approx((200, 200))
 
 
 def test_gaps_are_even_even_if_places_are_fixed_or_forbidden():

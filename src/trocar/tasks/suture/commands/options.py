@@ -117,11 +117,13 @@ def _bounds(text: str, even_rad: float, apart_rad: float) -> tuple[float, float]
     usual = (min(max(GAP_SHARES[0] * even_rad, apart_rad), even_rad), min(GAP_SHARES[1] * even_rad, TURN))
     parts = text.split(":")
     try:
-        low, high = (math.radians(float(part)) if part else at for part, at in zip(parts, usual, strict=True))
+        given = [math.radians(float(part)) if part else None for part in parts]
+        low, high = (at if bound is None else bound for bound, at in zip(given, usual, strict=True))
     except ValueError:
         remedy = "give the smallest and the largest in deg as LOW:HIGH, such as 60:120 or 60:"
         raise InvalidValue("the gap", repr(text), remedy) from None
-    return low, high
+    # a usual bound gives way to the one that was asked for
+    return (low, max(low, high)) if given[1] is None else (min(low, high) if given[0] is None else low, high)
 
 
 def _arc(text: str) -> tuple[float, float]:

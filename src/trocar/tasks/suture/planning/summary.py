@@ -290,8 +290,8 @@ def tissue_warnings(summary: Mapping[str, Any]) -> list[str]:
     if left < asked - 1e-9:
         where = f"reach {-left:.1f} mm over the mesh's edge" if left < 0 else f"come within {left:.1f} mm of its edge"
         found.append(
-            f"warning: the sutures may not hold the mesh: their bites {where}, and {asked:g} mm should be left; let "
-            "theta_is be middle, widen the mesh (circle_mesh_beyond_mm) or take a smaller needle"
+            f"warning: the sutures may not hold the mesh: their bites {where}, and {asked:g} mm should be left; widen "
+            "the mesh (circle_mesh_beyond_mm), take a smaller needle or, where theta is the entry, let it be the middle"
         )
     if not summary["needle_comes_out"]:
         out = summary["needle_exit_turn_deg"]
