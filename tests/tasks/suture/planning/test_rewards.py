@@ -6,14 +6,15 @@ import pytest
 from trocar.arms import jacobian
 from trocar.errors import TrocarError
 from trocar.tasks.suture.demonstrations import Demonstrations
-from trocar.tasks.suture.planning import MARGINS, PRESETS, Reward, dexterity
-from trocar.tasks.suture.planning.rewards import SURROGATE, surrogate_manipulability
+from trocar.tasks.suture.planning import MARGINS, PRESETS, Reward, dexterity, suture_joints
+from trocar.tasks.suture.planning.rewards import SURROGATE
+from trocar.tasks.suture.planning.setup import mirrored
 
 LIMIT = np.radians([260.0, 80.0, 80.0])
 
 
-def margin(name, *degrees):
-    return MARGINS[name](LIMIT, np.radians(degrees))
+def margin(name, *degrees, weights=(1.0, 1.0, 1.0)):
+    return MARGINS[name](LIMIT, np.radians(degrees), np.array(weights))
 
 
 def test_the_printed_formula_rewards_what_lies_beyond_a_limit():
@@ -29,11 +30,27 @@ def test_the_other_formulas_do_not():
     assert margin("smallest", 130.0, 60.0, 100.0) == pytest.approx(-0.25)
 
 
-def test_the_surrogate_is_the_mean_of_det_JJT():
-    joints = dexterity(PRESETS["default"].setup, positions=8).joints
-    J = jacobian(joints.arm, joints.q)
-    squared = np.linalg.det(J @ np.swapaxes(J, -1, -2))
-    np.testing.assert_allclose(surrogate_manipulability(joints), squared.mean((0, 2)), rtol=1e-9)
+def test_joints_of_more_weight_count_more_and_those_of_none_do_not():
+    assert margin("clipped", 250.0, 76.0, 70.0, weights=(1, 2, 0)) == pytest.approx(100.0 + 2 * 16.0)
+    assert margin("paper", 250.0, 76.0, 70.0, weights=(0, 1, 3)) == pytest.approx(16.0 + 3 * 100.0)
+    assert margin("normalised", 130.0, 40.0, 40.0, weights=(1, 2, 3)) == pytest.approx(0.25 * 6)
+    assert margin("smallest", 130.0, 60.0, 60.0, weights=(1, 0, 1)) == pytest.approx(0.25)
+    assert margin("smallest", 130.0, 60.0, 20.0, weights=(4, 1, 1)) == pytest.approx(0.125)
+
+
+def test_the_surrogate_is_the_mean_of_det_JJT_over_both_arms_in_the_directions_that_each_can_drive():
+    setup = PRESETS["default"].setup
+    joints = dexterity(setup, positions=72).joints
+    arms = [joints, suture_joints(mirrored(setup), joints.thetas_rad)]
+    expected = []
+    for arm in arms:
+        J = jacobian(arm.arm, arm.q)
+        squared = np.linalg.det(J @ np.swapaxes(J, -1, -2)).mean(2)
+        assert not arm.feasible.all() and arm.feasible.any(0).all()
+        expected.append([values[can].mean() for values, can in zip(squared.T, arm.feasible.T, strict=True)])
+    found = dexterity(setup, positions=72)
+    np.testing.assert_allclose(found.by_arm, expected, rtol=1e-9)
+    np.testing.assert_allclose(found.manipulability, np.mean(expected, 0), rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", MARGINS)
@@ -64,10 +81,15 @@ def test_given_manipulability_takes_the_surrogates_place_and_is_named():
     setup = PRESETS["default"].setup
     assert dexterity(setup, positions=8).source == SURROGATE
     places, squares = np.radians([0.0, 90.0, 180.0, 270.0]), np.array([[3.0, 2.0, 1.0, 2.0], [5.0, 4.0, 3.0, 4.0]])
-    recorded = Demonstrations(places, squares, "sixteen sutures")
+    recorded = Demonstrations(places, squares, "sixteen sutures", np.array([0.0, 1.0, 2.0, 1.0]))
     given = dexterity(setup, Reward(weight=0.0), 8, recorded)
     assert given.source == given.at([0.1]).source == "sixteen sutures"
     np.testing.assert_allclose(given.best, np.array([8, 7, 6, 5, 4, 5, 6, 7]) / 8)
+    cautious = dexterity(setup, Reward(weight=0.0, caution=0.5), 8, recorded)
+    means, sds = np.array([4, 3.5, 3, 2.5, 2, 2.5, 3, 3.5]), np.array([0, 0.5, 1, 1.5, 2, 1.5, 1, 0.5])
+    np.testing.assert_allclose(cautious.manipulability, means - 0.5 * sds)
+    with pytest.raises(TrocarError, match="a caution needs the variance of recorded sutures"):
+        dexterity(setup, Reward(caution=1.0), 8)
 
 
 @pytest.mark.parametrize(
@@ -77,6 +99,9 @@ def test_given_manipulability_takes_the_surrogates_place_and_is_named():
         ({"weight": 1.2}, "lambda is 1.2; give 0 to 1"),
         ({"weight": float("nan")}, "give 0 to 1"),
         ({"at": "ends"}, "choose one of stations, path"),
+        ({"joint_weights": (1.0, -1.0, 1.0)}, "the joints' weights is 1, -1, 1; give three"),
+        ({"joint_weights": (0.0, 0.0, 0.0)}, "not all 0"),
+        ({"caution": -1.0}, "the caution is -1; give 0 standard deviations or more"),
     ],
 )
 def test_bad_options_are_named(options, says):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -34,20 +33,17 @@ class Demonstrations:
         places_rad: (p,) ascending, in [0, 2 pi), counterclockwise from x of the circle.
         per_arm: (arms, p) mean of ``|J J^T|`` over a recording's rows, in m^4.
         source: origin of the recordings, and what was assumed in reading them, in words.
+        sd: (p,) standard deviation over the recordings at a place of their mean over the arms; 0 where there is one.
     """
 
     places_rad: NDArray[np.float64]
     per_arm: NDArray[np.float64]
     source: str
+    sd: NDArray[np.float64]
 
-    @cached_property
-    def at_places(self) -> NDArray[np.float64]:
-        """Return M (p,) at the places: the mean over the arms (paper, III-D2)."""
-        return self.per_arm.mean(0)
-
-    def manipulability_at(self, thetas_rad: ArrayLike) -> NDArray[np.float64]:
-        """Return M (n,) at any angles (n,)."""
-        return np.interp(np.asarray(thetas_rad, dtype=np.float64), self.places_rad, self.at_places, period=TURN)
+    def sd_at(self, thetas_rad: ArrayLike) -> NDArray[np.float64]:
+        """Return the standard deviation (n,) over recordings at any angles (n,)."""
+        return np.interp(np.asarray(thetas_rad, dtype=np.float64), self.places_rad, self.sd, period=TURN)
 
     def per_arm_at(self, thetas_rad: ArrayLike) -> NDArray[np.float64]:
         """Return each arm's manipulability (arms, n) at any angles (n,); their mean is M (paper, Fig. 6)."""
@@ -81,7 +77,10 @@ def demonstrations_from_joints(
             "record sutures at two or more, so that manipulability can be interpolated between them (the paper: eight)",
         )
     per_arm = np.stack([np.bincount(place, column) / np.bincount(place) for column in squares[order].T])
-    return Demonstrations(thetas[order][np.flatnonzero(np.diff(place, prepend=-1))], per_arm, source)
+    of_suture, count = squares[order].mean(1), np.bincount(place)
+    spread = np.bincount(place, (of_suture - per_arm.mean(0)[place]) ** 2) / np.maximum(count - 1, 1)
+    places = thetas[order][np.flatnonzero(np.diff(place, prepend=-1))]
+    return Demonstrations(places, per_arm, source, np.sqrt(spread))
 
 
 def load_demonstrations(path: str | Path) -> Demonstrations:

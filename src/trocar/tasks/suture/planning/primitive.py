@@ -21,6 +21,7 @@ from trocar.arms import ArmModel, ik_unbounded, wrist_depth_m
 from trocar.errors import InvalidValue
 from trocar.geometry import SE3, SO3, TURN, shown
 from trocar.geometry.arrays import finite
+from trocar.tasks.suture.planning.clearance import above_tissue_m, fingers_above_m
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
@@ -154,11 +155,13 @@ class PathSamples:
         advance_m: (k,) travel along the straight penetration.
         jaws_rad: (k,) rotation of the jaws about the needle's centre.
         station: (k,) whether a movement starts or ends here; the paper's margin is evaluated at these places.
+        opened: (k,) whether the jaws may be open here at some time, as they move back or let go: along the rotation.
     """
 
     advance_m: NDArray[np.float64]
     jaws_rad: NDArray[np.float64]
     station: NDArray[np.bool_]
+    opened: NDArray[np.bool_]
 
 
 def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> PathSamples:
@@ -173,7 +176,15 @@ def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Pat
         np.append(advance, np.full(len(turn), insertion.straight_m)),
         np.append(np.zeros(straight), turn),
         np.append(np.isin(advance, (0.0, insertion.straight_m)), np.isin(turn, (top, again))),
+        np.append(np.zeros(straight, dtype=bool), np.ones(len(turn), dtype=bool)),
     )
+
+
+def jaws_above_m(setup: SutureSetup) -> float:
+    """Return the least height of the jaws above the tissue's plane along a suture, wherever it is."""
+    samples = path_samples(setup)
+    T_circle_tip = tip_poses(setup, samples.advance_m, samples.jaws_rad)
+    return float(fingers_above_m(setup.arm, T_circle_tip, samples.opened).max(0).min())
 
 
 @dataclass(frozen=True)
@@ -258,23 +269,36 @@ def sutures_at(setup: SutureSetup, positions_rad: ArrayLike, directions: ArrayLi
     return tuple(Suture(setup, theta, direction) for theta, direction in both)
 
 
+def least_gap_rad(setup: SutureSetup) -> float:
+    """Return the gap of neighbours above which their paths in the tissue, each along its tangent, do not meet."""
+    along_m = float(np.abs(Suture(setup, 0.0, DIRECTIONS[0]).path_ends_m[:, 1]).max()) + setup.needle.wire_m
+    return 2 * math.atan(along_m / setup.circle.radius_m)
+
+
 @dataclass(frozen=True, eq=False)
 class SutureJoints:
     """Configurations of the arm along sutures.
 
     Attributes:
-        arm: the arm.
+        setup: the geometry.
         thetas_rad: (n,) positions on the circle.
         q: (2, n, k, 6) one row per direction of ``DIRECTIONS``, at the k samples of ``path_samples``; rad and m. NaN
             where the arm has no real solution. The roll is continuous, in the winding that stays nearest to the middle
             of its range.
         station: (k,) which samples are stations.
+        above_tissue_m: (2, n) least height of fingers, wrist and shaft above the tissue's plane.
     """
 
-    arm: ArmModel
+    setup: SutureSetup
     thetas_rad: NDArray[np.float64]
     q: NDArray[np.float64]
     station: NDArray[np.bool_]
+    above_tissue_m: NDArray[np.float64]
+
+    @property
+    def arm(self) -> ArmModel:
+        """Return the arm."""
+        return self.setup.arm
 
     @cached_property
     def excess(self) -> NDArray[np.float64]:
@@ -290,8 +314,9 @@ class SutureJoints:
 
     @cached_property
     def feasible(self) -> NDArray[np.bool_]:
-        """Return which sutures (2, n) keep all joints within their limits and the wrist at its safe depth."""
-        return (self.excess <= LIMIT_TOLERANCE).all(-1) & (self.too_shallow_m <= LIMIT_TOLERANCE)
+        """Return which sutures (2, n) keep joints within their limits, the wrist deep enough, and out of the tissue."""
+        within = (self.excess <= LIMIT_TOLERANCE).all(-1) & (self.too_shallow_m <= LIMIT_TOLERANCE)
+        return within & (self.above_tissue_m >= -LIMIT_TOLERANCE)
 
     @cached_property
     def largest_wrist_rad(self) -> NDArray[np.float64]:
@@ -312,14 +337,16 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     parts = np.zeros((3, 4, 4))
     parts[0, 2, 2] = parts[0, 3, 3] = parts[1, 0, 0] = parts[1, 1, 1] = parts[2, 1, 0] = 1.0
     parts[2, 0, 1] = -1.0
-    at_zero = tip_poses(setup, samples.advance_m, samples.jaws_rad).matrix
-    harmonics = (setup.T_base_circle.matrix @ parts)[:, None, None] @ at_zero
+    at_zero = tip_poses(setup, samples.advance_m, samples.jaws_rad)
+    harmonics = (setup.T_base_circle.matrix @ parts)[:, None, None] @ at_zero.matrix
     turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)
     poses = turns @ np.moveaxis(harmonics.reshape(*harmonics.shape[:3], 16), 0, 2).swapaxes(0, 1)
     # samples are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
     q = np.moveaxis(ik_unbounded(setup.arm, SE3.unchecked(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
-    return SutureJoints(setup.arm, thetas, q, samples.station)
+    return SutureJoints(
+        setup, thetas, q, samples.station, above_tissue_m(setup.arm, at_zero, samples.opened, q[..., 5])
+    )
 
 
 def unwound(roll: NDArray[np.float64], middle: float = 0.0, of: slice = slice(None)) -> NDArray[np.float64]:

@@ -11,40 +11,45 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import manipulability
-from trocar.errors import InvalidValue, UnknownName
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import TURN
 from trocar.tasks.suture.demonstrations import Demonstrations
 from trocar.tasks.suture.planning.primitive import SutureJoints, suture_joints
-from trocar.tasks.suture.planning.setup import DIRECTIONS, NeedleGrasp, SutureSetup, base_beside
+from trocar.tasks.suture.planning.setup import DIRECTIONS, Insertion, NeedleGrasp, SutureSetup, base_beside, mirrored
 
-SURROGATE = "surrogate: the needle primitive itself, both directions; no demonstrations were given"
+SURROGATE = (
+    "surrogate, the needle primitive itself in the directions that can be driven: mean over two arms, the second a "
+    "mirror image of the first (assumed); no demonstrations were given"
+)
 
 NO_SOLUTION = -1e3
 """The margin of a suture that no configuration of the arm can make."""
 WRIST = slice(3, 6)
 """The joints that a margin considers (paper, III-C3)."""
 
-Margin = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+Array = NDArray[np.float64]
+Margin = Callable[[Array, Array, Array], Array]
 
 
-def paper_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
+def paper_margin(limit: Array, largest: Array, weights: Array) -> Array:
     """Return ``|| |q_max| - q_limit ||^2`` in square degrees, as printed; it also rewards angles beyond a limit."""
-    return (np.degrees(limit - largest) ** 2).sum(-1)
+    return (weights * np.degrees(limit - largest) ** 2).sum(-1)
 
 
-def clipped_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
+def clipped_margin(limit: Array, largest: Array, weights: Array) -> Array:
     """Return the paper's margin with negative differences counted as zero."""
-    return (np.degrees(np.maximum(limit - largest, 0.0)) ** 2).sum(-1)
+    return (weights * np.degrees(np.maximum(limit - largest, 0.0)) ** 2).sum(-1)
 
 
-def normalised_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
+def normalised_margin(limit: Array, largest: Array, weights: Array) -> Array:
     """Return the sum of squared clipped differences, each divided by its limit."""
-    return (np.maximum(1.0 - largest / limit, 0.0) ** 2).sum(-1)
+    return (weights * np.maximum(1.0 - largest / limit, 0.0) ** 2).sum(-1)
 
 
-def smallest_margin(limit: NDArray[np.float64], largest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the smallest of the differences, each divided by its limit; negative outside the limits."""
-    return (1.0 - largest / limit).min(-1)
+def smallest_margin(limit: Array, largest: Array, weights: Array) -> Array:
+    """Return the smallest of the differences, each divided by its limit and weight; negative outside the limits."""
+    counted = weights > 0
+    return ((1.0 - largest / limit)[..., counted] / weights[counted]).min(-1)
 
 
 MARGINS: dict[str, Margin] = {
@@ -53,7 +58,8 @@ MARGINS: dict[str, Margin] = {
     "clipped": clipped_margin,
     "paper": paper_margin,
 }
-"""Margin formulas by name; arguments are the joints' limits (j,) and largest distances from the middle (..., j)."""
+"""Margin formulas by name; arguments are the joints' limits (j,), largest distances from the middle (..., j), and
+weights (j,)."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +72,16 @@ class Reward:
         at: where the margin is evaluated: ``stations``, at the start and end of movements, as in the paper, or
             ``path``, in between as well.
         feasible_first: whether an infeasible direction is chosen only where both are infeasible.
+        joint_weights: of roll, wrist pitch and yaw in the margin (paper, V; it weighs them evenly).
+        caution: M is the mean over the demonstrations at a place minus so many of their standard deviations.
     """
 
     margin: str = "smallest"
     weight: float = 0.75
     at: str = "path"
     feasible_first: bool = True
+    joint_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    caution: float = 0.0
 
     def __post_init__(self) -> None:
         if self.margin not in MARGINS:
@@ -80,6 +90,12 @@ class Reward:
             raise UnknownName("the place of the margin", self.at, ("stations", "path"))
         if not (math.isfinite(self.weight) and 0.0 <= self.weight <= 1.0):
             raise InvalidValue("the weight lambda", f"{self.weight:g}", "give 0 to 1")
+        weights = self.joint_weights
+        if len(weights) != 3 or not all(0 <= weight < math.inf for weight in weights) or not any(weights):
+            remedy = "give three for roll, wrist pitch and yaw, 0 or more, not all 0"
+            raise InvalidValue("the joints' weights", ", ".join(f"{weight:g}" for weight in weights), remedy)
+        if not 0 <= self.caution < math.inf:
+            raise InvalidValue("the caution", f"{self.caution:g}", "give 0 standard deviations or more")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +107,9 @@ class DexterityMap:
         reward: how sutures are scored.
         joints: configurations along the sutures.
         margin: (2, n) joint margin Q before scaling, one row per direction of ``DIRECTIONS``.
-        manipulability: (n,) mean squared manipulability M before scaling; it does not depend on the direction.
+        by_arm: (arms, n) mean squared manipulability of each arm, the one that drives the needle first (paper, Fig. 6);
+            it does not depend on the direction.
+        manipulability: (n,) M before scaling: the mean over the arms, less the caution.
         values: (2, n) dexterity D of each direction.
         choice: (n,) row of the better direction.
         scales: units of margin and manipulability: their largest values, which become 1.
@@ -102,6 +120,7 @@ class DexterityMap:
     reward: Reward
     joints: SutureJoints
     margin: NDArray[np.float64]
+    by_arm: NDArray[np.float64]
     manipulability: NDArray[np.float64]
     values: NDArray[np.float64]
     choice: NDArray[np.intp]
@@ -186,11 +205,17 @@ def scored(
 ) -> DexterityMap:
     """Return the dexterity of sutures with these joints, scaled by their own maxima unless ``scales`` are given."""
     margin = joint_margin(joints, reward)
-    given = recorded.manipulability_at(joints.thetas_rad) if recorded else surrogate_manipulability(joints)
+    by_arm = recorded.per_arm_at(joints.thetas_rad) if recorded else surrogate_by_arm(setup, joints)
+    given = by_arm.mean(0)
+    if reward.caution:
+        if recorded is None:
+            remedy = "give --demonstrations, or drop the caution"
+            raise InvalidInput("a caution", "needs the variance of recorded sutures", remedy)
+        given = np.maximum(given - reward.caution * recorded.sd_at(joints.thetas_rad), 0.0)
     choice = np.argmax(margin - 1e9 * ~joints.feasible if reward.feasible_first else margin, axis=0)
     scales = scales or (_unit(np.take_along_axis(margin, choice[None], 0)[0]), _unit(given))
     values = reward.weight * margin / scales[0] + (1.0 - reward.weight) * given / scales[1]
-    return DexterityMap(setup, reward, joints, margin, given, values, choice, scales, recorded)
+    return DexterityMap(setup, reward, joints, margin, by_arm, given, values, choice, scales, recorded)
 
 
 def _unit(values: NDArray[np.float64]) -> float:
@@ -204,25 +229,40 @@ def joint_margin(joints: SutureJoints, reward: Reward) -> NDArray[np.float64]:
     q = joints.q[:, :, joints.station] if reward.at == "stations" else joints.q
     largest = np.maximum(q.max(2) - arm.middle, arm.middle - q.min(2))
     limit = (arm.upper - arm.lower) / 2
-    return np.nan_to_num(MARGINS[reward.margin](limit[WRIST], largest[..., WRIST]), nan=NO_SOLUTION)
+    found = MARGINS[reward.margin](limit[WRIST], largest[..., WRIST], np.array(reward.joint_weights))
+    return np.nan_to_num(found, nan=NO_SOLUTION)
 
 
-def surrogate_manipulability(joints: SutureJoints) -> NDArray[np.float64]:
-    """Return the mean squared manipulability (n,) over the primitive in both directions, in place of demonstrations.
+def surrogate_by_arm(setup: SutureSetup, joints: SutureJoints) -> NDArray[np.float64]:
+    """Return the mean squared manipulability (2, n) of two arms over the primitive, in place of demonstrations.
 
-    ``|J J^T|`` of the paper is the square of Yoshikawa's measure.
+    The second arm is the mirror image of the first one. ``|J J^T|`` of the paper is the square of Yoshikawa's measure.
+    Only directions that an arm can drive count; where it can drive neither, both do.
     """
+    second = suture_joints(mirrored(setup), joints.thetas_rad)
+    return np.stack([_mean_squared(arm) for arm in (joints, second)])
+
+
+def _mean_squared(joints: SutureJoints) -> NDArray[np.float64]:
     known = np.isfinite(joints.q)
     q = joints.q if known.all() else np.where(known, joints.q, 0.0)
-    return (manipulability(joints.arm, q) ** 2).mean((0, 2))
+    squares = (manipulability(joints.arm, q) ** 2).mean(2)
+    driven = np.where(joints.feasible.any(0), joints.feasible, True)
+    return (squares * driven).sum(0) / driven.sum(0)
 
 
 @dataclass(frozen=True)
 class Preset:
-    """A setup and the reward that scores its sutures."""
+    """A setup and the reward that scores its sutures.
+
+    Attributes:
+        fitted: the setup's parameters that were fitted to the paper's figures, as the command line calls them; what
+            agrees with these figures is no prediction.
+    """
 
     setup: SutureSetup
     reward: Reward
+    fitted: tuple[str, ...] = ()
 
 
 PRESETS: dict[str, Preset] = {
@@ -235,14 +275,15 @@ PRESETS: dict[str, Preset] = {
         ),
         Reward(),
     ),
-    # Five parameters (spin, tilt, approach, lean, skew) are fitted to the paper's Table I and Fig. 3: the agreement is
-    # plausible, no proof. Flat jaws could not hold the needle in this grasp.
+    # Five parameters are fitted to the paper's Table I, Fig. 3 and Fig. 7 together: plausible, no proof.
     "paper-demo": Preset(
         SutureSetup(
-            T_world_base=base_beside(radians(225.0), 0.050, 0.100, tilt_rad=radians(-40.0), spin_rad=radians(-30.5)),
-            grasp=NeedleGrasp(approach_rad=radians(26.2), lean_rad=radians(51.0), skew_rad=radians(90.5)),
+            T_world_base=base_beside(radians(225.0), 0.050, 0.100, tilt_rad=radians(20.3), spin_rad=radians(116.4)),
+            grasp=NeedleGrasp(radians(131.2), approach_rad=radians(-32.1), lean_rad=radians(49.5)),
+            insertion=Insertion(theta_is="entry"),
         ),
         Reward(margin="clipped", at="stations", feasible_first=False),
+        ("base_tilt_deg", "base_spin_deg", "grasp_behind_tip_deg", "grasp_approach_deg", "grasp_lean_deg"),
     ),
 }
 """Setups by their name on the command line."""

@@ -1,24 +1,38 @@
 """A suture plan as plain values, and what is wrong with it.
 
-Sutures may be out of reach (where, which joint, by how much), cross in the tissue, or never come out of it.
+Sutures may be out of reach (where, which joint, by how much), cross in the tissue, reach over the mesh's edge, or never
+come out of the tissue.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.geometry import shown
+from trocar.arms import fk, ik_branches
+from trocar.geometry import TURN, shown
 from trocar.geometry.capsules import segment_distances_m
-from trocar.tasks.suture.planning.plan import SuturePlan, setup_values
-from trocar.tasks.suture.planning.primitive import Suture, SutureJoints, suture_joints, sutures_at
+from trocar.tasks.suture.planning.clearance import above_tissue_m
+from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, setup_values
+from trocar.tasks.suture.planning.primitive import (
+    ROLL,
+    Suture,
+    SutureJoints,
+    jaws_above_m,
+    path_samples,
+    suture_joints,
+    sutures_at,
+    tip_poses,
+    unwound,
+)
 from trocar.tasks.suture.planning.rewards import DexterityMap
-from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, SutureSetup
+from trocar.tasks.suture.planning.setup import CLOCKWISE, DIRECTION_NAMES, SutureSetup
 
 REMEDY = "move the base, turn the grasp or change the circle's radius"
 ARCS_NAMED, PAIRS_NAMED = 3, 3
@@ -31,10 +45,12 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
     problem = "" if plan.feasible else circle_out_of_reach(map.joints) or plan_out_of_reach(sutures)
     found = {
         "positions_deg": _degrees(plan.positions_rad),
+        **bites(sutures),
         "directions": [suture.direction for suture in sutures],
         "direction_names": [DIRECTION_NAMES[suture.direction] for suture in sutures],
         "rewards": plan.rewards.tolist(),
         "gaps_deg": _degrees(plan.gaps_rad),
+        **_asked(plan),
         "joint_room": joint_room(setup, plan),
         "reward": plan.reward,
         "bound": plan.bound,
@@ -47,6 +63,8 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
         "weight": reward.weight,
         "margin_at": reward.at,
         "feasible_first": reward.feasible_first,
+        "joint_weights": list(reward.joint_weights),
+        "caution": reward.caution,
         "grid_positions": len(map.thetas_rad),
         "manipulability_source": map.source,
         "switches_deg": _degrees(map.switches_rad),
@@ -56,6 +74,36 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
         "wire_out_of_jaws_deg": math.degrees(setup.grasp.out_of_jaws_rad),
     }
     return finite(found)
+
+
+def _asked(plan: SuturePlan) -> dict[str, Any]:
+    """Return the constraints on the positions."""
+    spacing = plan.spacing or Spacing.even(len(plan.positions_rad))
+    return {
+        "gap_bounds_deg": _degrees(np.array([spacing.min_gap_rad, spacing.max_gap_rad])),
+        "forbidden_deg": [_degrees(np.array(arc)) for arc in spacing.forbidden_rad],
+        "fixed_deg": _degrees(np.array(spacing.fixed_rad)),
+    }
+
+
+def bites(sutures: Sequence[Suture]) -> dict[str, Any]:
+    """Return where sutures enter, hold and come out, as angles round the circle, and the gaps of their mid-bites.
+
+    Where a needle never comes out, the place at which its tip stops counts as its exit.
+    """
+    ends = np.stack([suture.ends_m for suture in sutures])
+    angles = [np.arctan2(at[:, 1], at[:, 0]) % TURN for at in (ends[:, 0], ends[:, 1], ends.mean(1))]
+    middle = np.sort(angles[2])
+    names = ("entries_deg", "exits_deg", "mid_bites_deg")
+    found = {name: _degrees(at) for name, at in zip(names, angles, strict=True)}
+    return found | {"mid_bite_gaps_deg": _degrees(np.diff(middle, append=middle[0] + TURN))}
+
+
+def mesh_left_m(setup: SutureSetup) -> float:
+    """Return how far the bites stay from the mesh's edge, wherever they are; below 0 they reach over it."""
+    suture = Suture(setup, 0.0, CLOCKWISE)
+    ends = np.concatenate([suture.ends_m, suture.path_ends_m])
+    return setup.circle.mesh_radius_m - float(np.linalg.norm(ends, axis=1).max())
 
 
 def joint_room(setup: SutureSetup, plan: SuturePlan) -> list[dict[str, float]]:
@@ -114,6 +162,9 @@ def circle_out_of_reach(joints: SutureJoints) -> str:
     arcs = unreachable_arcs(joints)
     if not arcs:
         return ""
+    if (height_m := jaws_above_m(joints.setup)) < 0:
+        under = f"the jaws would be {shown(-height_m, 'm', '.2g')} under the tissue, wherever the suture is"
+        return f"{under}; hold the needle farther behind its tip, or turn the grasp"
     all_around = not joints.feasible.any()
     parts = [f"at {'all positions' if all_around else _span(arc)} {arc['reason']}" for arc in arcs[:ARCS_NAMED]]
     more = f"; and at {len(arcs) - ARCS_NAMED} more arcs" if len(arcs) > ARCS_NAMED else ""
@@ -132,23 +183,35 @@ def plan_out_of_reach(sutures: Sequence[Suture]) -> str:
 
 
 def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
-    """Return by how much (2, n, 7) each joint leaves its range, as a share of it, and likewise for the safe depth."""
-    of_ranges = joints.excess / (joints.arm.upper - joints.arm.lower)
-    return np.concatenate([of_ranges, joints.too_shallow_m[..., None] / joints.arm.safe_depth_m], axis=-1)
+    """Return by how much (2, n, 8) each joint leaves its range, as a share of it, and depth and tissue likewise.
+
+    The last two are what is lacking of the safe depth, and how deep the instrument is in the tissue, as a share of its
+    fingers' length.
+    """
+    arm = joints.arm
+    shares = (
+        *np.moveaxis(joints.excess / (arm.upper - arm.lower), -1, 0),
+        joints.too_shallow_m / arm.safe_depth_m,
+        np.maximum(-joints.above_tissue_m, 0.0) / arm.instrument.finger_length_m,
+    )
+    return np.stack(shares, axis=-1)
 
 
 def _reason(joints: SutureJoints, row: int, position: int) -> str:
     """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
-    arm, q = joints.arm, joints.q[row, position]
-    if not np.isfinite(q).all():
+    arm = joints.arm
+    if not np.isfinite(joints.q[row, position]).all():
         return "no configuration of the arm holds the needle as planned"
-    worst = int(np.argmax(relative_excess(joints)[row, position]))
+    nearest = _on_nearest_branch(joints, row, position)
+    q, worst = nearest.q[0, 0], int(np.argmax(relative_excess(nearest)))
     if worst == len(arm.joints):
-        short_m = joints.too_shallow_m[row, position]
+        short_m = nearest.too_shallow_m[0, 0]
         return (
             f"the wrist would be {shown(arm.safe_depth_m - short_m, 'm')} beyond the remote centre, "
             f"{shown(short_m, 'm')} less than the safe depth of {shown(arm.safe_depth_m, 'm', '.0f')}"
         )
+    if worst > len(arm.joints):
+        return f"the instrument would be {shown(-joints.above_tissue_m[row, position], 'm', '.2g')} under the tissue"
     joint, values = arm.joints[worst], q[:, worst]
     over, under = float(values.max()) - joint.upper, joint.lower - float(values.min())
     limit, excess, sign = (joint.upper, over, 1) if over >= under else (joint.lower, under, -1)
@@ -156,6 +219,25 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
         f"joint '{joint.name}' would reach {joint.shown(limit + sign * excess)}, {joint.shown(excess)} "
         f"beyond its limit of {joint.shown(limit, '.0f')}"
     )
+
+
+def _on_nearest_branch(joints: SutureJoints, row: int, position: int) -> SutureJoints:
+    """Return one suture in those joints, of all that hold the needle as planned, that leave the ranges least.
+
+    The arm's own branch may lack far more: it puts the wrist on the other side of the remote centre where another one
+    only needs more of a wrist joint.
+    """
+    arm, samples = joints.arm, path_samples(joints.setup)
+    q, real = ik_branches(arm, fk(arm, joints.q[row, position]))
+    q = np.moveaxis(q[:, real.all(0)], 1, 0)
+    q[..., ROLL] = unwound(q[..., ROLL], arm.middle_floats[ROLL])
+    T_circle_tip = tip_poses(joints.setup, samples.advance_m, samples.jaws_rad)[row : row + 1]
+    found = []
+    for one in q[:, None, None]:
+        above_m = above_tissue_m(arm, T_circle_tip, samples.opened, one[..., 5])
+        here = joints.thetas_rad[[position]]
+        found.append(replace(joints, thetas_rad=here, q=one, above_tissue_m=above_m))
+    return min(found, key=lambda one: relative_excess(one).max())
 
 
 def _span(arc: Mapping[str, Any]) -> str:
@@ -181,10 +263,12 @@ def crossing_sutures(sutures: Sequence[Suture]) -> list[tuple[int, int]]:
 
 
 def tissue_summary(setup: SutureSetup, plan: SuturePlan) -> dict[str, Any]:
-    """Return which sutures of a plan cross and whether the needle comes out, angles in degrees."""
+    """Return which sutures cross, how far from its edge they hold the mesh, and whether the needle comes out."""
     pairs = crossing_sutures(sutures_at(setup, plan.positions_rad, plan.directions))
     exit_rad = setup.exit_turn_rad
     return {
+        "mesh_left_mm": 1e3 * mesh_left_m(setup),
+        "mesh_margin_mm": 1e3 * setup.circle.mesh_margin_m,
         "crossing_deg": [[round(math.degrees(plan.positions_rad[i]), 9) for i in pair] for pair in pairs],
         "needle_comes_out": setup.comes_out,
         "needle_turn_deg": math.degrees(setup.insertion.turn_rad),
@@ -201,6 +285,13 @@ def tissue_warnings(summary: Mapping[str, Any]) -> list[str]:
         found.append(
             f"warning: sutures cross in the tissue, seen from above: {named} deg{more}; ask for wider gaps or fewer "
             "sutures, a larger circle or a smaller needle"
+        )
+    left, asked = summary["mesh_left_mm"], summary["mesh_margin_mm"]
+    if left < asked - 1e-9:
+        where = f"reach {-left:.1f} mm over the mesh's edge" if left < 0 else f"come within {left:.1f} mm of its edge"
+        found.append(
+            f"warning: the sutures may not hold the mesh: their bites {where}, and {asked:g} mm should be left; widen "
+            "the mesh (circle_mesh_beyond_mm), take a smaller needle or, where theta is the entry, let it be the middle"
         )
     if not summary["needle_comes_out"]:
         out = summary["needle_exit_turn_deg"]
