@@ -98,7 +98,7 @@ class RunConfig:
         method = pick_method(kind, self.method)
         self._set(chosen_method=method)
         usual = {
-            "station": kind.station,
+            "station": self.task.usual_station,
             "method": next(iter(kind.methods)),
             "planner": method.planner,
             "perception": method.perception,
@@ -235,7 +235,7 @@ class RunConfig:
         required = {f.name: getattr(self.task, f.name) for f in fields(kind) if f.default is MISSING}  # type: ignore[arg-type]
         usual = RunConfig(kind(**required), station=self.station, method=self.method, seed=self.seed)
         found = {**self._chosen(), "station": self.station, "plugins": self.plugins}
-        ordinary = {**usual._chosen(), "station": kind.station, "plugins": ()} | dict.fromkeys(required)
+        ordinary = {**usual._chosen(), "station": self.task.usual_station, "plugins": ()} | dict.fromkeys(required)
         return {name: value for name, value in found.items() if value != ordinary[name]}
 
     def _chosen(self) -> dict[str, Any]:

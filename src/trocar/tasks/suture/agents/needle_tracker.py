@@ -143,16 +143,25 @@ class NeedleTracker:
         images: number per look.
         budget_s: declared for finding the needle in them.
         searching_budget_s: the same if it has to be searched for from several poses.
+        others: other arms, which may hide the needle.
 
     Attributes:
         estimator: of the errors of the arm's tip and of the needle in its jaws.
+        T_base_floor: the plane over which the needle is seen, z up: the circle's, if nothing else is said.
 
     Raises:
         InvalidInput: no camera shows depth.
     """
 
     def __init__(
-        self, cell: Cell, hand: ArmScript, setup: SutureSetup, images: int, budget_s: float, searching_budget_s: float
+        self,
+        cell: Cell,
+        hand: ArmScript,
+        setup: SutureSetup,
+        images: int,
+        budget_s: float,
+        searching_budget_s: float,
+        others: Sequence[ArmScript] = (),
     ):
         lenses = {name: lens for name, camera in cell.cameras.items() if isinstance(lens := camera.model, Intrinsics)}
         if not lenses:
@@ -167,6 +176,9 @@ class NeedleTracker:
         self._back_rad = [step.back_rad for step in holds]
         self._p_needle_tip_m = setup.needle.point_m(np.zeros(1))[0]
         self.estimator = NeedleEstimator()
+        self.T_base_floor = setup.T_base_circle
+        T_world_base = cell.T_world_base_registered
+        self._to_others = {o: T_world_base[o.name].inverse() @ T_world_base[hand.name] for o in others}
         self._in_tissue: NeedleEstimate | None = None
         self._grips, self._seen = 0, False
         self._tip_error, self._T_tip_needle = np.zeros(6), self._T_tip_needle_planned
@@ -176,6 +188,38 @@ class NeedleTracker:
         """Note that a person has loaded the needle."""
         self._grips, self._in_tissue, self._seen = 0, None, False
         self.estimator.loaded(self._T_tip_needle_planned)
+
+    def rests(self, needle: NeedleEstimate) -> None:
+        """Note that something else holds the needle still, about here in the arm's base."""
+        self._in_tissue, self._seen = needle, False
+
+    def took(self, setup: SutureSetup) -> None:
+        """Note that the jaws have closed, in the grasp of this setup, on the needle that something else held."""
+        self._setup, self._grips = setup, 0
+        if self._in_tissue is not None:
+            self.estimator.regrasped(self._in_tissue, self._T_base_tip, self._T_tip_needle_planned)
+        self._in_tissue = None
+
+    @property
+    def needle(self) -> NeedleEstimate:
+        """Return where the needle is, in the arm's base."""
+        return self._estimate
+
+    def towards_needle(self, segment: Segment, T_base_needle: SE3) -> Segment:
+        """Return a way that was planned to or from a needle resting at ``T_base_needle``, where it really is."""
+        self._tip_error = self.estimator.tip_error
+        planned = fk(self._hand.model, segment.q)
+        wanted = self._estimate.T_base_needle @ T_base_needle.inverse() @ planned
+        return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
+
+    def with_needle(self, segment: Segment) -> Segment:
+        """Return a way on which the needle, however it lies in the jaws, goes as planned, from where the arm is."""
+        self._tip_error, self._T_tip_needle = self.estimator.tip_error, self.estimator.T_tip_needle
+        planned = fk(self._hand.model, segment.q) @ self._T_tip_needle_planned
+        wanted = planned @ self._T_tip_needle.inverse()
+        q = ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q)
+        left = np.linspace(1.0, 0.0, len(q))[:, None]
+        return replace(segment, q=q + left * (self._hand.q - q[0]))
 
     def forget(self) -> None:
         """Discard everything seen so far."""
@@ -293,15 +337,22 @@ class NeedleTracker:
     def _sight(self, images: Sequence[RgbdImage], expected: NeedleEstimate) -> NeedleSighting | None:
         """Find the needle in images; the instrument may hide it."""
         T_camera_base, T_base_tip = self._T_base_camera.inverse(), self._T_base_tip
-        solids = InstrumentSolids.of(self._hand.model, self._hand.q, self._hand.jaw_rad)
-        T_solids_camera = T_base_tip @ self.estimator.tip(T_base_tip).inverse() @ self._T_base_camera
+        solids = [InstrumentSolids.of(hand.model, hand.q, hand.jaw_rad) for hand in (self._hand, *self._to_others)]
+        T_solids_camera = [T_base_tip @ self.estimator.tip(T_base_tip).inverse() @ self._T_base_camera]
+        T_solids_camera += [T_other_base @ self._T_base_camera for T_other_base in self._to_others.values()]
+
+        def distance_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Return how far points (n, 3) in the camera's frame are from the nearest instrument."""
+            each = zip(solids, T_solids_camera, strict=True)
+            return np.min([solid.distance_m(T.apply(points)) for solid, T in each], axis=0)
+
         return sight_needle(
             images,
             T_camera_base @ expected.T_base_needle,
             expected.covariance,
             self._setup.needle,
-            T_camera_base @ self._setup.T_base_circle,
-            lambda points: solids.distance_m(T_solids_camera.apply(points)),
+            T_camera_base @ self.T_base_floor,
+            distance_m,
         )
 
     def _update(self, seen: NeedleSighting) -> bool:

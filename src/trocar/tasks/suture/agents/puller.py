@@ -1,0 +1,145 @@
+"""The second arm: it grasps the needle's tip as it comes out, pulls it through, and holds it out to the first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.cell import Cell
+from trocar.errors import MotionRefused
+from trocar.geometry import SE3
+from trocar.robots.arm_script import ArmScript
+from trocar.tasks.suture.agents.circle import JOINED, Settings, along
+from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
+from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
+from trocar.tasks.suture.planning.handover import Handover
+from trocar.tasks.suture.planning.primitive import needle_poses
+from trocar.tasks.suture.planning.pull import Pull, pull_segments
+from trocar.tasks.suture.planning.segments import Segment
+
+GRASPS = 3
+"""How often the jaws are closed on the needle, until they hold it."""
+
+
+class Puller:
+    """The arm that pulls, with its own looks at the needle.
+
+    Attributes:
+        hand: the arm.
+        home: (6,) where it rests while the other arm drives.
+        tracker: of the needle in its jaws; None: it works without looks.
+    """
+
+    def __init__(self, cell: Cell, hand: ArmScript, settings: Settings):
+        self.cell, self.hand, self.settings = cell, hand, settings
+        self.home = hand.q
+        self.tracker: NeedleTracker | None = None
+
+    async def begin(self) -> None:
+        """Prepare wrist and jaws."""
+        await self.hand.exercise_wrist()
+        await self.hand.zero_jaw(self.settings.jaw_closed_rad)
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the jaws are kept open by a wire."""
+        return self.hand.jaw_rad > self.settings.jaw_empty_rad
+
+    async def grasp(self, pull: Pull, needle: NeedleEstimate | None) -> bool:
+        """Grasp the needle that the other arm holds still; return whether the jaws hold it.
+
+        Args:
+            pull: as planned.
+            needle: where it is, in this arm's base; None: where it should be.
+        """
+        reach = pull_segments(pull)[0]
+        T_base_needle = planned_needle(pull)
+        if self.tracker and needle:
+            self.tracker.rests(needle)
+        await self.hand.jaw(self.settings.jaw_open_rad)
+        for _ in range(GRASPS):
+            way = self.tracker.towards_needle(reach, T_base_needle) if self.tracker else reach
+            if not await self.follow(way, self.settings.travel_speed_m_s / 2):
+                return False
+            if await self.close():
+                if self.tracker:
+                    self.tracker.took(pull.setup)
+                return True
+            await self.hand.jaw(self.settings.jaw_open_rad)
+            await self.follow(replace(way, q=way.q[::-1]), self.settings.travel_speed_m_s)
+            if self.tracker:
+                await self.tracker.look()
+        return False
+
+    async def pull(self, pull: Pull) -> bool:
+        """Pull the needle through along its arc, draw it out and lift it; return whether the jaws still hold it."""
+        if self.tracker:
+            await self.tracker.look()
+        for segment in pull_segments(pull)[1:]:
+            self.cell.log.event("step of second arm", step=segment.name)
+            way = self.tracker.with_needle(segment) if self.tracker else segment
+            speed_m_s = self.settings.travel_speed_m_s if segment.name == "lift" else self.settings.pulling_speed_m_s
+            if not await self.follow(way, speed_m_s):
+                return False
+        return self.holds
+
+    async def present(self, handover: Handover) -> bool:
+        """Bring the needle to where the other arm takes it, and look at it; return whether the jaws still hold it."""
+        there = handover.part.first(1)
+        way = self.tracker.with_needle(replace(there, q=np.repeat(there.q, 2, axis=0))) if self.tracker else there
+        try:
+            await self.hand.go(way.q[-1])
+        except MotionRefused as error:
+            self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
+            return False
+        if self.tracker:
+            await self.tracker.look()
+        return self.holds
+
+    async def let_go(self, handover: Handover) -> None:
+        """Open the jaws, and leave the needle to the other arm."""
+        await self.hand.jaw(self.settings.jaw_open_rad)
+        back = handover.part.q + (self.hand.q - handover.part.q[0])
+        await self.follow(replace(handover.part, q=back), self.settings.travel_speed_m_s)
+        await self.go_home()
+
+    async def go_home(self) -> None:
+        """Go to where this arm is in nobody's way."""
+        await self.hand.go(self.home)
+
+    async def close(self) -> bool:
+        """Close the jaws; return whether they stalled on a wire."""
+        await self.hand.settle()
+        await self.hand.jaw(self.settings.jaw_closed_rad)
+        await self.hand.settle()
+        return self.holds
+
+    async def follow(self, segment: Segment, speed_m_s: float) -> bool:
+        """Move along a segment, after going to its start; return whether it was possible."""
+        outside = segment.first_outside(self.hand.model)
+        try:
+            if outside is not None:
+                raise MotionRefused(f"{segment.name}: joint {outside[1] + 1} would leave its range", arm=self.hand.name)
+            if np.abs(segment.q[0] - self.hand.q).max() > JOINED:
+                await self.hand.go(segment.q[0])
+            await self.hand.move(along(joined(self.hand.q, segment.q), segment.length_m / speed_m_s))
+        except MotionRefused as error:
+            self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
+            return False
+        if self.tracker:
+            self.tracker.estimator.moved(segment.length_m)
+        return True
+
+
+def joined(q: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a path (k, 6) with its start where the arm is."""
+    return np.concatenate([q[None], path[1:]])
+
+
+def planned_needle(pull: Pull) -> SE3:
+    """Return where the needle should be when it is grasped, in the second arm's base."""
+    setup = pull.setup
+    at = needle_poses(setup, setup.insertion.straight_m, np.array([pull.turn_rad[0]]))
+    return (setup.T_base_circle @ pull.suture.turned(at))[0]

@@ -1,0 +1,161 @@
+"""Two arms sew round the circle: the first drives the needle, the second pulls it through and hands it back.
+
+Their scripts take turns: while one arm moves, the other rests, holding the needle or out of the way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trocar.cell import Cell
+from trocar.errors import InvalidInput
+from trocar.eval import AgentContext
+from trocar.geometry import SE3
+from trocar.robots.arm_script import ArmScript
+from trocar.tasks.suture.agents.circle import CircleSuturing, End, missed
+from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
+from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, Stretch
+from trocar.tasks.suture.agents.puller import GRASPS, Puller
+from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.planning.segments import Segment
+from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_two_arms
+from trocar.tasks.suture.stand import T_stand_needle
+
+IN_STAND = np.diag(np.repeat([0.5e-3, 0.06], 3) ** 2)
+"""How accurately a person sets up the needle: covariance of a twist in its frame, m and rad."""
+
+
+class TwoArmSuturing(CircleSuturing):
+    """One arm drives the sutures, a second one pulls the needle through and hands it back; no person touches it."""
+
+    def __init__(self, context: AgentContext):
+        super().__init__(context)
+        cell, settings = self.cell, self.settings
+        hand = ArmScript(cell, context.arms[1], settings.limits, settings.settle_s)
+        self.puller = Puller(cell, hand, settings)
+        if "stand" not in cell.T_world_fixture:
+            raise InvalidInput("this cell", "has no fixture 'stand', from which the first needle is taken", "add it")
+        self.plan: TwoArmPlan | None = None
+        self._lost = False
+
+    def require_help(self, cell: Cell) -> None:
+        """Nobody has to help."""
+
+    async def begin(self) -> None:
+        """Prepare both arms, and plan what they do between the sutures."""
+        await super().begin()
+        await self.puller.begin()
+        cell, second = self.cell, self.puller.hand
+        base = cell.T_world_base_registered[second.name]
+        arm = SecondArm(second.model, base, self.puller.home)
+        stand, budget_s = cell.T_world_fixture["stand"], self.settings.two_arms_budget_s
+        self.plan = await self.hand.compute(
+            "planning", budget_s, lambda: plan_two_arms(self.sutures, self.home, arm, stand)
+        )
+        if self.tracker:
+            looking = (self.settings.images, self.settings.sighting_budget_s, self.settings.searching_budget_s)
+            setup = self.sutures[0].setup
+            self.tracker = NeedleTracker(cell, self.hand, setup, *looking, others=[second])
+            pulling = self.plan.pulls[0].setup
+            self.puller.tracker = NeedleTracker(cell, second, pulling, *looking, others=[self.hand])
+        self._T_first_second = cell.T_world_base_registered[self.hand.name].inverse() @ base
+
+    async def take_needle(self, number: int) -> End | None:
+        """Take the needle from its stand, or from the second arm; return how the suture ended, if that failed."""
+        if self._lost:
+            return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: neither arm has the needle", stops=True)
+        return await (self._from_second(number) if number else self._from_stand())
+
+    async def check_needle(self, stretch: Stretch, tracker: NeedleTracker) -> None:
+        """Do nothing: nobody loads the needle again."""
+
+    async def finish(self, number: int, withdraw: Segment, rise: Segment) -> End:
+        """Have the second arm grasp the tip and pull the needle through, after this arm has let go of it."""
+        pull, second = self._planned.pulls[number], self.puller
+        self.log.event("step", suture=number, step="grasp tip")
+        needle = None
+        if self.tracker:
+            await self.tracker.look()
+            needle = _in_other(self.tracker.needle, self._T_first_second.inverse())
+        self._lost = True
+        if not await second.grasp(pull, needle):
+            return missed(number, "the second arm's jaws closed on nothing where the needle's tip should have been")
+        await self.open()
+        await self.leave(number, withdraw, rise)
+        await self.hand.go(self.home)
+        self.log.event("step", suture=number, step="pull through")
+        if not await second.pull(pull):
+            return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
+        self._lost = False
+        return End(SutureOutcome.DONE)
+
+    @property
+    def _planned(self) -> TwoArmPlan:
+        if self.plan is None:
+            raise InvalidInput("the plan of two arms", "is not there yet", "call begin() first")
+        return self.plan
+
+    async def _from_stand(self) -> End | None:
+        take, lift = self._planned.stand
+        self.log.event("step", suture=0, step="take from stand")
+        T_base_stand = self._T_base_world @ self.cell.T_world_fixture["stand"]
+        T_base_needle = T_base_stand @ T_stand_needle(self.sutures[0].setup.needle)
+        if self.tracker:
+            self.tracker.T_base_floor = T_base_stand
+            self.tracker.rests(NeedleEstimate(T_base_needle, IN_STAND))
+            await self.tracker.look()
+        taken = await self._take(take, T_base_needle)
+        if self.tracker:
+            self.tracker.T_base_floor = self.sutures[0].setup.T_base_circle
+        if not taken:
+            self._lost = True
+            return missed(0, "the jaws closed on nothing where the needle should have been in its stand")
+        if self.tracker:
+            lift = self.tracker.with_needle(lift)
+        await self.follow(0, lift, self.settings.travel_speed_m_s)
+        return None
+
+    async def _from_second(self, number: int) -> End | None:
+        handover, second = self._planned.handovers[number - 1], self.puller
+        self.log.event("step", suture=number, step="hand over")
+        self._lost = True
+        if not await second.present(handover):
+            return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
+        T_base_needle = self.sutures[number].setup.T_base_circle @ handover.T_circle_needle
+        if self.tracker and second.tracker:
+            self.tracker.rests(_in_other(second.tracker.needle, self._T_first_second))
+        if not await self._take(handover.take, T_base_needle):
+            return End(
+                SutureOutcome.HANDOVER_REFUSED, f"suture {number + 1}: the jaws closed on nothing at the handover"
+            )
+        self._lost = False
+        await second.let_go(handover)
+        return None
+
+    async def _take(self, take: Segment, T_base_needle: SE3) -> bool:
+        """Close the jaws on the needle that rests about here in this arm's base; return whether they hold it."""
+        await self.hand.jaw(self.settings.jaw_open_rad)
+        for _ in range(GRASPS):
+            way = self.tracker.towards_needle(take, T_base_needle) if self.tracker else take
+            if await self.follow(0, way, self.settings.travel_speed_m_s / 2):
+                return False
+            if await self.grip():
+                if self.tracker:
+                    self.tracker.took(self.sutures[0].setup)
+                return True
+            await self.hand.jaw(self.settings.jaw_open_rad)
+            await self.follow(0, replace(way, q=way.q[::-1]), self.settings.travel_speed_m_s)
+            if self.tracker:
+                await self.tracker.look()
+        return False
+
+    @property
+    def _T_base_world(self) -> SE3:
+        return self.cell.T_world_base_registered[self.hand.name].inverse()
+
+
+def _in_other(needle: NeedleEstimate, T_other_base: SE3) -> NeedleEstimate:
+    """Return where the needle is in the base of the other arm."""
+    return NeedleEstimate(T_other_base @ needle.T_base_needle, needle.covariance)

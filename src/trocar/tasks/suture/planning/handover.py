@@ -1,0 +1,187 @@
+"""Where one arm hands the needle to the other in the air, so that the other holds it as the next stitch needs it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import capsules, ik_unbounded
+from trocar.errors import OutOfReach
+from trocar.geometry import SE3, SO3, TURN
+from trocar.geometry.capsules import Capsules, capsule_distances_m
+from trocar.tasks.suture.needle import Needle
+from trocar.tasks.suture.planning.primitive import INSERTION, ROLL, grasp_pose, unwound
+from trocar.tasks.suture.planning.pull import (
+    APART_M,
+    COMES_FROM_M,
+    HOLDING_RAD,
+    OPEN_RAD,
+    ROOM_RAD,
+    over_tissue_m,
+    room_rad,
+    shifted,
+)
+from trocar.tasks.suture.planning.segments import Segment
+from trocar.tasks.suture.planning.setup import SutureSetup
+
+HEIGHTS_M, ASIDE_M = (0.035, 0.045), (-0.015, 0.0, 0.015)
+"""Where the needle's centre may be, in the circle's frame: so high that instruments reach round it over the tissue."""
+ATTITUDES, SEED = 1500, 7
+"""Number of attitudes of the needle that are tried at each place."""
+TRIED, ENOUGH_ROOM_RAD = 40, math.radians(25.0)
+"""So many attitudes with the most room at each place are considered; more room than this is worth no further way."""
+WIRE_APART_M = 1.0e-3
+"""Least distance of an instrument that comes or goes from the wire, except about where its own jaws hold it."""
+HELD_RAD = math.radians(30.0)
+"""About so much of the wire on either side of the jaws is theirs."""
+SAMPLES = 24
+"""Configurations at which a way from rest to rest is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Holder:
+    """One arm of a handover.
+
+    Attributes:
+        setup: the geometry with this arm, and its grasp.
+        home_q: (6,) joints at rest, from where the taker comes, and to where the giver goes.
+        start_q: (6,) joints from where the giver brings the needle; the taker's are its home.
+    """
+
+    setup: SutureSetup
+    home_q: NDArray[np.float64]
+    start_q: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Handover:
+    """How a needle changes hands.
+
+    Attributes:
+        T_circle_needle: where the needle is held still meanwhile.
+        take: the taking arm's way along its jaws' own axis to its grasp.
+        part: the giving arm's likewise away from its own; its first joints are where it holds the needle.
+        room_rad: least room of the turning joints to their limits, of both arms.
+        apart_m: least distance of the two instruments, from the taker's home to its grasp and back to the giver's home.
+    """
+
+    T_circle_needle: SE3
+    take: Segment
+    part: Segment
+    room_rad: float = 0.0
+    apart_m: float = 0.0
+
+
+def plan_handover(giver: Holder, taker: Holder) -> Handover:
+    """Return the handover that leaves the joints of both arms enough room, or most, with the least turn of the giver.
+
+    Raises:
+        OutOfReach: there is none in which both arms reach the needle and stay clear of each other.
+    """
+    rng = np.random.default_rng(SEED)
+    attitudes = SO3.from_quaternion(_unit(rng.standard_normal((ATTITUDES, 4)))).matrix
+    found = []
+    for x, y, z in product(ASIDE_M, ASIDE_M, HEIGHTS_M):
+        T = SE3.from_parts(SO3.unchecked(attitudes), np.broadcast_to([x, y, z], (ATTITUDES, 3)))
+        room = np.minimum(*(_room_at(holder.setup, T) for holder in (giver, taker)))
+        found += [(float(room[k]), T[int(k)]) for k in np.argsort(-room)[:TRIED]]
+    found.sort(key=lambda each: -each[0])
+    rooms = np.array([room for room, _ in found])
+    poses = [pose for _, pose in found]
+    way = np.array([_turned_rad(giver, pose) for pose in poses])
+    best: Handover | None = None
+    for k in np.lexsort((way, -np.minimum(rooms, ENOUGH_ROOM_RAD))):
+        if rooms[k] < ROOM_RAD:
+            break
+        best = _judged(giver, taker, poses[k])
+        if best is not None:
+            return best
+    raise OutOfReach("no place over the circle lets one arm hand the needle to the other; place the arms elsewhere")
+
+
+def taking(setup: SutureSetup, T_circle_needle: SE3, near: NDArray[np.float64] | None = None) -> Segment:
+    """Return the way of open jaws along their own axis to their grasp of a needle that rests here.
+
+    The roll is in the turn that is nearest to joints ``near`` (6,), if that is within its range.
+    """
+    T_circle_tip = T_circle_needle @ grasp_pose(setup)
+    back = COMES_FROM_M * T_circle_tip.matrix[:3, 2]  # the jaws point the other way
+    q = ik_unbounded(setup.arm, setup.T_base_circle @ shifted(T_circle_tip, back, np.zeros(3)))
+    q[:, ROLL] = unwound(q[:, ROLL], setup.arm.middle_floats[ROLL])
+    if near is not None:
+        turned = q - setup.arm.turns * np.rint((q - near) / TURN)[-1]
+        lower, upper = setup.arm.lower + ROOM_RAD, setup.arm.upper - ROOM_RAD
+        if ((turned[:, ROLL] > lower[ROLL]) & (turned[:, ROLL] < upper[ROLL])).all():
+            q[:, ROLL] = turned[:, ROLL]
+    return Segment("take", q, COMES_FROM_M)
+
+
+def parting(setup: SutureSetup, T_circle_needle: SE3, near: NDArray[np.float64] | None = None) -> Segment:
+    """Return the way of open jaws back from their grasp of a needle that rests here; arguments as for ``taking``."""
+    take = taking(setup, T_circle_needle, near)
+    return Segment("part", take.q[::-1], take.length_m)
+
+
+def between(q0: NDArray[np.float64], q1: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return joints (k, 6) on a motion from rest to rest."""
+    return np.linspace(q0, q1, SAMPLES)
+
+
+def wire_capsules(needle: Needle, without_rad: float | None = None) -> Capsules:
+    """Return the wire in the needle's frame, except about where jaws hold it this far behind its tip."""
+    at = np.linspace(0.0, needle.arc_rad, 1 + math.ceil(needle.arc_rad / math.radians(7.5)))
+    ends = np.stack([needle.point_m(at[:-1]), needle.point_m(at[1:])], axis=1)
+    if without_rad is not None:
+        ends = ends[np.abs(0.5 * (at[:-1] + at[1:]) - without_rad) > HELD_RAD]
+    return Capsules(ends, np.full(len(ends), needle.wire_m / 2))
+
+
+def _judged(giver: Holder, taker: Holder, T_circle_needle: SE3) -> Handover | None:
+    """Return the handover of a needle that rests here; None if an arm cannot reach it, or meets the other or the wire.
+
+    While one arm moves, the other rests with its jaws on the wire.
+    """
+    take = taking(taker.setup, T_circle_needle, taker.start_q)
+    part = parting(giver.setup, T_circle_needle, giver.start_q)
+    if not (np.isfinite(take.q).all() and np.isfinite(part.q).all()):
+        return None
+    room = min(float(room_rad(each.setup.arm, way.q).min()) for each, way in ((taker, take), (giver, part)))
+    apart_m = math.inf
+    moves = (
+        (taker, giver, np.concatenate([between(taker.home_q, take.q[0]), take.q]), part.q[0]),
+        (giver, taker, np.concatenate([part.q, between(part.q[-1], giver.home_q)]), take.q[-1]),
+    )
+    for mover, still, path, at in moves:
+        solids = capsules(mover.setup.arm, path, OPEN_RAD).moved(mover.setup.T_world_base)
+        others = capsules(still.setup.arm, at, HOLDING_RAD).moved(still.setup.T_world_base)
+        apart_m = min(apart_m, float(capsule_distances_m(solids, others).min()))
+        grasped = mover.setup.grasp.behind_tip_rad
+        T_world_needle = mover.setup.circle.T_world_circle @ T_circle_needle
+        wire = wire_capsules(mover.setup.needle, grasped).moved(T_world_needle)
+        if capsule_distances_m(solids, wire).min() < WIRE_APART_M:
+            return None
+        if over_tissue_m(mover.setup, path).min() < 0.0:
+            return None
+    if room < ROOM_RAD or apart_m < APART_M:
+        return None
+    return Handover(T_circle_needle, take, part, room, apart_m)
+
+
+def _turned_rad(giver: Holder, T_circle_needle: SE3) -> float:
+    """Return the farthest that a joint of the giver turns from where it comes from to where it holds the needle."""
+    q = parting(giver.setup, T_circle_needle, giver.start_q).q[0]
+    return float(np.nanmax(np.abs(q - giver.start_q)[np.arange(6) != INSERTION], initial=0.0))
+
+
+def _room_at(setup: SutureSetup, T_circle_needle: SE3) -> NDArray[np.float64]:
+    """Return the room (n,) of an arm that holds a needle at these poses (n,)."""
+    q = ik_unbounded(setup.arm, setup.T_base_circle @ T_circle_needle @ grasp_pose(setup))
+    return room_rad(setup.arm, q[:, None])[:, 0]
+
+
+def _unit(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    return quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)

@@ -1,0 +1,119 @@
+"""The plan of two arms that sew round a circle: who holds the needle how, from its stand to the last pull."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, capsules, ik_unbounded
+from trocar.errors import OutOfReach
+from trocar.geometry import SE3
+from trocar.geometry.capsules import capsule_distances_m
+from trocar.tasks.suture.planning.handover import Handover, Holder, between, plan_handover, taking
+from trocar.tasks.suture.planning.primitive import Suture
+from trocar.tasks.suture.planning.pull import (
+    APART_M,
+    LIFTED_M,
+    OPEN_RAD,
+    ROOM_RAD,
+    Pull,
+    holding_still,
+    plan_pull,
+    pull_segments,
+    room_rad,
+    shifted,
+)
+from trocar.tasks.suture.planning.segments import UP, Segment
+from trocar.tasks.suture.stand import T_stand_needle
+
+
+@dataclass(frozen=True, eq=False)
+class SecondArm:
+    """The arm that pulls.
+
+    Attributes:
+        model: of the arm.
+        T_world_base: its base.
+        home_q: (6,) where it rests while the first arm drives.
+    """
+
+    model: ArmModel
+    T_world_base: SE3
+    home_q: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TwoArmPlan:
+    """What the two arms do between the first one's sutures.
+
+    Attributes:
+        stand: the first arm's way to its grasp of the needle in its stand, and from there up with it.
+        pulls: the second arm's part of each suture.
+        handovers: from each suture to the next, one fewer than there are sutures.
+    """
+
+    stand: tuple[Segment, Segment]
+    pulls: tuple[Pull, ...]
+    handovers: tuple[Handover, ...]
+
+    def joints(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return all joints (n, 6) of the first arm, and (k, 6) of the second, on these ways."""
+        first = [*self.stand, *(handover.take for handover in self.handovers)]
+        second = [way for pull in self.pulls for way in pull_segments(pull)]
+        second += [handover.part for handover in self.handovers]
+        return np.concatenate([way.q for way in first]), np.concatenate([way.q for way in second])
+
+
+def plan_two_arms(
+    sutures: Sequence[Suture], home_q: NDArray[np.float64], second: SecondArm, T_world_stand: SE3
+) -> TwoArmPlan:
+    """Return how the second arm pulls each needle through and hands it back, and how the first takes it from its stand.
+
+    Args:
+        sutures: in order, with the first arm and its base.
+        home_q: (6,) where the first arm rests while the second one moves.
+        second: the other arm.
+        T_world_stand: of the stand, z up.
+
+    Raises:
+        OutOfReach: an arm cannot do its part; names what.
+    """
+    setup = sutures[0].setup
+    stand = from_stand(sutures[0], T_world_stand)
+    pulls, handovers = [], []
+    for suture in sutures:
+        pull = plan_pull(suture, second.model, second.T_world_base)
+        ways = pull_segments(pull)
+        _require_apart(second, between(second.home_q, ways[0].q[0]), suture)
+        pulls.append(pull)
+        if len(pulls) < len(sutures):
+            giver = Holder(pull.setup, second.home_q, ways[-1].q[-1])
+            handovers.append(plan_handover(giver, Holder(setup, home_q, home_q)))
+    return TwoArmPlan(stand, tuple(pulls), tuple(handovers))
+
+
+def from_stand(suture: Suture, T_world_stand: SE3) -> tuple[Segment, Segment]:
+    """Return the first arm's way to its grasp of the needle in the stand, and straight up with it.
+
+    Raises:
+        OutOfReach: it does not reach the needle there.
+    """
+    setup = suture.setup
+    T_circle_needle = setup.circle.T_world_circle.inverse() @ T_world_stand @ T_stand_needle(setup.needle)
+    take = taking(setup, T_circle_needle)
+    q = take.q[-1]
+    if not np.isfinite(take.q).all() or room_rad(setup.arm, take.q).min() < ROOM_RAD:
+        raise OutOfReach("the first arm does not reach the needle in its stand; put the fixture 'stand' elsewhere")
+    up = shifted(T_circle_needle @ setup.grasp.pose(setup.needle.radius_m), np.zeros(3), LIFTED_M * UP)
+    lifted = ik_unbounded(setup.arm, setup.T_base_circle @ up, near=np.broadcast_to(q, (len(up.matrix), 6)))
+    return take, Segment("lift", lifted, LIFTED_M)
+
+
+def _require_apart(second: SecondArm, path: NDArray[np.float64], suture: Suture) -> None:
+    """Raise unless the second arm comes to a suture's end without coming near the first one, which holds the needle."""
+    coming = capsules(second.model, path, OPEN_RAD).moved(second.T_world_base)
+    if capsule_distances_m(coming, holding_still(suture)).min() < APART_M:
+        raise OutOfReach(f"the second arm meets the first on its way to {suture}; place it elsewhere")
