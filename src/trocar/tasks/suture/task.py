@@ -216,7 +216,8 @@ class CircleSutures(Task):
         setup = replace(self.setup, T_world_base=first.T_world_base)
         sutures = [replace(suture, setup=setup) for suture in self.goals()]
         puller = SecondArm(second.model, second.T_world_base, second.park_q())
-        return plan_two_arms(sutures, first.park_q(), puller, station.T_world_fixture["stand"])
+        cameras = [camera.T_world_camera for camera in station.cameras.values()]
+        return plan_two_arms(sutures, first.park_q(), puller, station.T_world_fixture["stand"], cameras)
 
     def scene(self, rng: np.random.Generator, station: Station) -> tuple[SutureScene, tuple[str, ...]]:
         """Return the phantom where the plan expects it, how a person places the needle, and the arms that work."""

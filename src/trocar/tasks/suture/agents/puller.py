@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 from trocar.cell import Cell
 from trocar.errors import MotionRefused
-from trocar.geometry import SE3
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.circle import JOINED, Settings, along
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
 from trocar.tasks.suture.planning.handover import Handover
-from trocar.tasks.suture.planning.primitive import needle_poses
-from trocar.tasks.suture.planning.pull import Pull, pull_segments
+from trocar.tasks.suture.planning.pull import Grip, Pull, grip_segments, out_segments, reach_segment
 from trocar.tasks.suture.planning.segments import Segment
 
 GRASPS = 3
@@ -47,25 +45,25 @@ class Puller:
         """Return whether the jaws are kept open by a wire."""
         return self.hand.jaw_rad > self.settings.jaw_empty_rad
 
-    async def grasp(self, pull: Pull, needle: NeedleEstimate | None) -> bool:
-        """Grasp the needle that the other arm holds still; return whether the jaws hold it.
+    async def grasp(self, grip: Grip, needle: NeedleEstimate | None) -> bool:
+        """Grasp the needle that the other arm, or the tissue, holds; return whether the jaws hold it.
 
         Args:
-            pull: as planned.
+            grip: as planned.
             needle: where it is, in this arm's base; None: where it should be.
         """
-        reach = pull_segments(pull)[0]
-        T_base_needle = planned_needle(pull)
+        reach = reach_segment(grip)
+        T_base_needle = (grip.setup.T_base_circle @ grip.T_circle_needle(np.array([grip.turn_rad[0]])))[0]
         if self.tracker and needle:
             self.tracker.rests(needle)
         await self.hand.jaw(self.settings.jaw_open_rad)
         for _ in range(GRASPS):
             way = self.tracker.towards_needle(reach, T_base_needle) if self.tracker else reach
-            if not await self.follow(way, self.settings.travel_speed_m_s / 2):
+            if not await self.follow(way, self.settings.travel_speed_m_s):
                 return False
             if await self.close():
                 if self.tracker:
-                    self.tracker.took(pull.setup)
+                    self.tracker.took(grip.setup)
                 return True
             await self.hand.jaw(self.settings.jaw_open_rad)
             await self.follow(replace(way, q=way.q[::-1]), self.settings.travel_speed_m_s)
@@ -74,10 +72,31 @@ class Puller:
         return False
 
     async def pull(self, pull: Pull) -> bool:
-        """Pull the needle through along its arc, draw it out and lift it; return whether the jaws still hold it."""
+        """Pull the needle, which the jaws hold in the first grip, through along its arc, draw it out and lift it.
+
+        Returns:
+            Whether the jaws still hold it.
+        """
+        first, last = pull.grips
+        if not await self._move_needle(*grip_segments(first)[1:2]):
+            return False
+        needle = self.tracker.needle if self.tracker else None
+        await self.hand.jaw(self.settings.jaw_open_rad)
+        leave = grip_segments(first)[2]
+        back = replace(leave, q=leave.q + (self.hand.q - leave.q[0]))
+        if not await self.follow(back, self.settings.travel_speed_m_s):
+            return False
+        if self.tracker and needle:
+            self.tracker.rests(needle)
+            await self.tracker.look()
+            needle = self.tracker.needle
+        return await self.grasp(last, needle) and await self._move_needle(grip_segments(last)[1], *out_segments(last))
+
+    async def _move_needle(self, *segments: Segment) -> bool:
+        """Move the needle along segments, having looked how it lies in the jaws; return whether they still hold it."""
         if self.tracker:
             await self.tracker.look()
-        for segment in pull_segments(pull)[1:]:
+        for segment in segments:
             self.cell.log.event("step of second arm", step=segment.name)
             way = self.tracker.with_needle(segment) if self.tracker else segment
             speed_m_s = self.settings.travel_speed_m_s if segment.name == "lift" else self.settings.pulling_speed_m_s
@@ -136,10 +155,3 @@ class Puller:
 def joined(q: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a path (k, 6) with its start where the arm is."""
     return np.concatenate([q[None], path[1:]])
-
-
-def planned_needle(pull: Pull) -> SE3:
-    """Return where the needle should be when it is grasped, in the second arm's base."""
-    setup = pull.setup
-    at = needle_poses(setup, setup.insertion.straight_m, np.array([pull.turn_rad[0]]))
-    return (setup.T_base_circle @ pull.suture.turned(at))[0]

@@ -50,15 +50,16 @@ class TwoArmSuturing(CircleSuturing):
         cell, second = self.cell, self.puller.hand
         base = cell.T_world_base_registered[second.name]
         arm = SecondArm(second.model, base, self.puller.home)
+        cameras = list(cell.T_world_camera_registered.values())
         stand, budget_s = cell.T_world_fixture["stand"], self.settings.two_arms_budget_s
         self.plan = await self.hand.compute(
-            "planning", budget_s, lambda: plan_two_arms(self.sutures, self.home, arm, stand)
+            "planning", budget_s, lambda: plan_two_arms(self.sutures, self.home, arm, stand, cameras)
         )
         if self.tracker:
             looking = (self.settings.images, self.settings.sighting_budget_s, self.settings.searching_budget_s)
             setup = self.sutures[0].setup
             self.tracker = NeedleTracker(cell, self.hand, setup, *looking, others=[second])
-            pulling = self.plan.pulls[0].setup
+            pulling = self.plan.pulls[0].grips[0].setup
             self.puller.tracker = NeedleTracker(cell, second, pulling, *looking, others=[self.hand])
         self._T_first_second = cell.T_world_base_registered[self.hand.name].inverse() @ base
 
@@ -80,7 +81,7 @@ class TwoArmSuturing(CircleSuturing):
             await self.tracker.look()
             needle = _in_other(self.tracker.needle, self._T_first_second.inverse())
         self._lost = True
-        if not await second.grasp(pull, needle):
+        if not await second.grasp(pull.grips[0], needle):
             return missed(number, "the second arm's jaws closed on nothing where the needle's tip should have been")
         await self.open()
         await self.leave(number, withdraw, rise)

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from trocar.arms import capsules, ik_unbounded
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3, TURN
-from trocar.geometry.capsules import Capsules, capsule_distances_m
-from trocar.tasks.suture.needle import Needle
+from trocar.geometry.capsules import capsule_distances_m
 from trocar.tasks.suture.planning.primitive import INSERTION, ROLL, grasp_pose, unwound
 from trocar.tasks.suture.planning.pull import (
     APART_M,
@@ -24,6 +23,7 @@ from trocar.tasks.suture.planning.pull import (
     over_tissue_m,
     room_rad,
     shifted,
+    wire_capsules,
 )
 from trocar.tasks.suture.planning.segments import Segment
 from trocar.tasks.suture.planning.setup import SutureSetup
@@ -32,12 +32,12 @@ HEIGHTS_M, ASIDE_M = (0.035, 0.045), (-0.015, 0.0, 0.015)
 """Where the needle's centre may be, in the circle's frame: so high that instruments reach round it over the tissue."""
 ATTITUDES, SEED = 1500, 7
 """Number of attitudes of the needle that are tried at each place."""
-TRIED, ENOUGH_ROOM_RAD = 40, math.radians(25.0)
+FACES = 0.5
+"""Least cosine of the angle between the normal of the needle's plane and the way to the camera that looks at it."""
+TRIED, ENOUGH_ROOM_RAD = 40, math.radians(35.0)
 """So many attitudes with the most room at each place are considered; more room than this is worth no further way."""
 WIRE_APART_M = 1.0e-3
 """Least distance of an instrument that comes or goes from the wire, except about where its own jaws hold it."""
-HELD_RAD = math.radians(30.0)
-"""About so much of the wire on either side of the jaws is theirs."""
 SAMPLES = 24
 """Configurations at which a way from rest to rest is looked at."""
 
@@ -76,8 +76,13 @@ class Handover:
     apart_m: float = 0.0
 
 
-def plan_handover(giver: Holder, taker: Holder) -> Handover:
+def plan_handover(giver: Holder, taker: Holder, p_circle_camera_m: NDArray[np.float64]) -> Handover:
     """Return the handover that leaves the joints of both arms enough room, or most, with the least turn of the giver.
+
+    Args:
+        giver: has the needle.
+        taker: takes it in the grasp of its setup.
+        p_circle_camera_m: (3,) from where the needle has to be seen, in the circle's frame.
 
     Raises:
         OutOfReach: there is none in which both arms reach the needle and stay clear of each other.
@@ -85,8 +90,10 @@ def plan_handover(giver: Holder, taker: Holder) -> Handover:
     rng = np.random.default_rng(SEED)
     attitudes = SO3.from_quaternion(_unit(rng.standard_normal((ATTITUDES, 4)))).matrix
     found = []
-    for x, y, z in product(ASIDE_M, ASIDE_M, HEIGHTS_M):
-        T = SE3.from_parts(SO3.unchecked(attitudes), np.broadcast_to([x, y, z], (ATTITUDES, 3)))
+    for place in product(ASIDE_M, ASIDE_M, HEIGHTS_M):
+        sight = p_circle_camera_m - place
+        facing = attitudes[np.abs(attitudes[:, :, 2] @ sight) > FACES * np.linalg.norm(sight)]
+        T = SE3.from_parts(SO3.unchecked(facing), np.broadcast_to(place, (len(facing), 3)))
         room = np.minimum(*(_room_at(holder.setup, T) for holder in (giver, taker)))
         found += [(float(room[k]), T[int(k)]) for k in np.argsort(-room)[:TRIED]]
     found.sort(key=lambda each: -each[0])
@@ -129,15 +136,6 @@ def parting(setup: SutureSetup, T_circle_needle: SE3, near: NDArray[np.float64] 
 def between(q0: NDArray[np.float64], q1: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return joints (k, 6) on a motion from rest to rest."""
     return np.linspace(q0, q1, SAMPLES)
-
-
-def wire_capsules(needle: Needle, without_rad: float | None = None) -> Capsules:
-    """Return the wire in the needle's frame, except about where jaws hold it this far behind its tip."""
-    at = np.linspace(0.0, needle.arc_rad, 1 + math.ceil(needle.arc_rad / math.radians(7.5)))
-    ends = np.stack([needle.point_m(at[:-1]), needle.point_m(at[1:])], axis=1)
-    if without_rad is not None:
-        ends = ends[np.abs(0.5 * (at[:-1] + at[1:]) - without_rad) > HELD_RAD]
-    return Capsules(ends, np.full(len(ends), needle.wire_m / 2))
 
 
 def _judged(giver: Holder, taker: Holder, T_circle_needle: SE3) -> Handover | None:

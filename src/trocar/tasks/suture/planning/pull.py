@@ -6,6 +6,7 @@ Poses are those of ``primitive``: the needle's rotation counts from where its st
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, capsules, ik_unbounded
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3, TURN
-from trocar.geometry.capsules import Capsules, capsule_distances_m
+from trocar.geometry.capsules import Capsules, capsule_distances_m, segment_distances_m
+from trocar.tasks.suture.needle import Needle
 from trocar.tasks.suture.planning.clearance import fingers_above_m
 from trocar.tasks.suture.planning.primitive import (
     INSERTION,
@@ -25,20 +27,26 @@ from trocar.tasks.suture.planning.primitive import (
     SPACING_RAD,
     Suture,
     needle_poses,
-    tip_poses,
     unwound,
 )
 from trocar.tasks.suture.planning.segments import UP, Segment, ranges, suture_segments
 from trocar.tasks.suture.planning.setup import NeedleGrasp, SutureSetup
 
 BEHIND_TIP_RAD = np.radians([8.0, 13.0, 18.0])
-APPROACHES_RAD, LEANS_RAD = np.radians(np.arange(-180.0, 180.0, 10.0)), np.radians(np.arange(-90.0, 91.0, 10.0))
+APPROACHES_RAD, LEANS_RAD = np.radians(np.arange(-180.0, 180.0, 10.0)), np.radians(np.arange(-60.0, 61.0, 10.0))
 """Grasps that are tried: near enough to the tip to be over the tissue, far enough from it for the jaws to hold."""
+JAWS_M, HELD_RAD = 0.020, math.radians(30.0)
+"""So much of an instrument, from the tip of its jaws back, has to stay clear of the wire, except for so much of the arc
+on either side of the grasp."""
+FREE_M = 4.0e-3
+"""Least distance of the jaws' middle line from the rest of the wire: they are open when they come and go."""
 DRAWN_RAD = math.radians(45.0)
 """So much of the needle's arc is still in the tissue when it is drawn out straight, .6 mm off its arc at most; if it
-were turned further, its tip would come round to the tissue, and the arm near a limit."""
-COMES_FROM_M, COMES_DOWN_M = 0.012, 0.020
-"""Open jaws come along their own axis from this far back, and there from this far above."""
+were turned further, its tip would come round to the tissue."""
+SHARES = (0.4, 0.5, 0.6)
+"""Shares of the rotation after which the jaws may take the needle, which the tissue holds, in a second grasp."""
+COMES_FROM_M, COMES_DOWN_M = 0.010, 0.010
+"""Open jaws come along their own axis from this far back, and to there from this far above."""
 CLEAR_M, LIFTED_M = 0.004, 0.020
 """How far the needle's tail is drawn beyond the surface, and how far the needle is lifted then."""
 OVER_TISSUE_M = 1.0e-3
@@ -49,29 +57,49 @@ OPEN_RAD, HOLDING_RAD = 0.4, 0.1
 """Opening of jaws that come and go, and of jaws on a wire."""
 ROOM_RAD, ROOM_M = math.radians(8.0), 4.0e-3
 """Least room of the turning joints and of the insertion to their limits: corrections and the commands of a worn
-instrument need some of it."""
+instrument need some of it, up to 30 deg at the wrist."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pull:
-    """How the second arm pulls a needle through.
+class Grip:
+    """One of the second arm's grips of the needle.
 
     Attributes:
         suture: with the second arm, its base and its grasp in place of the first arm's.
-        turn_rad: the needle's rotation where it is grasped, and where it is no longer turned but drawn out.
-        room_rad: least room of the turning joints to their limits, on the whole way.
-        apart_m: least distance of the two instruments until the second one has grasped the needle.
+        turn_rad: the needle's rotation where it is grasped, and where this grip ends.
+        room_rad: least room of the turning joints to their limits, from the way there to the end.
     """
 
     suture: Suture
     turn_rad: tuple[float, float]
-    room_rad: float = 0.0
-    apart_m: float = 0.0
+    room_rad: float
 
     @property
     def setup(self) -> SutureSetup:
         """Return the geometry with the second arm."""
         return self.suture.setup
+
+    def T_circle_needle(self, turns_rad: NDArray[np.float64]) -> SE3:
+        """Return where the needle is after these rotations (n,)."""
+        return self.suture.turned(needle_poses(self.setup, self.setup.insertion.straight_m, turns_rad))
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """How the second arm pulls a needle through, in two grips.
+
+    Attributes:
+        grips: in order.
+        apart_m: least distance of the two instruments until the second one has grasped the needle first.
+    """
+
+    grips: tuple[Grip, Grip]
+    apart_m: float
+
+    @property
+    def room_rad(self) -> float:
+        """Return the least room of the turning joints to their limits."""
+        return min(grip.room_rad for grip in self.grips)
 
 
 def tail_out_rad(setup: SutureSetup) -> float:
@@ -90,10 +118,10 @@ def with_puller(setup: SutureSetup, arm: ArmModel, T_world_base: SE3, grasp: Nee
 
 
 def plan_pull(suture: Suture, arm: ArmModel, T_world_base: SE3) -> Pull:
-    """Return how an arm pulls the needle of a suture through in one grip.
+    """Return how an arm pulls the needle of a suture through.
 
-    Of the grasps in which flat jaws hold the wire it is the one that leaves the joints most room, among those that keep
-    the instrument out of the tissue and clear of the first arm.
+    Of the grasps in which flat jaws hold the wire, these leave the joints most room, among those that keep the
+    instrument out of the tissue and, in the first grip, clear of the first arm.
 
     Args:
         suture: with the first arm, which holds the needle where the second one comes to grasp it.
@@ -101,41 +129,82 @@ def plan_pull(suture: Suture, arm: ArmModel, T_world_base: SE3) -> Pull:
         T_world_base: its base.
 
     Raises:
-        OutOfReach: there is no such grasp.
+        OutOfReach: there are no such grasps.
     """
     setup = suture.setup
-    turn_rad = (setup.insertion.turn_rad, tail_out_rad(setup) - DRAWN_RAD)
-    turns = np.linspace(*turn_rad, 20)
-    grasps, in_needle = _grasps(setup.needle.radius_m)
-    at_needle = needle_poses(setup, setup.insertion.straight_m, turns).matrix[suture.row]
-    poses = SE3.unchecked(at_needle @ in_needle[:, None])
-    clear = np.flatnonzero((fingers_above_m(arm, poses) > OVER_TISSUE_M).all(1))
+    start, end = setup.insertion.turn_rad, tail_out_rad(setup) - DRAWN_RAD
+    first, best = holding_still(suture), None
+    for share in SHARES:
+        middle = start + share * (end - start)
+        grips = [_best_grip(suture, arm, T_world_base, ends, None) for ends in ((start, middle), (middle, end))]
+        room = min(grip.room_rad if grip else 0.0 for grip in grips)
+        if room > ROOM_RAD and (best is None or room > best[0]):
+            best = room, middle
+    if best is not None:
+        one = _best_grip(suture, arm, T_world_base, (start, best[1]), first)
+        two = _best_grip(suture, arm, T_world_base, (best[1], end), None)
+        if one and two:
+            return Pull((one, two), _apart_m(one, first))
+    raise OutOfReach(f"the second arm cannot pull the needle through at {suture}; place it elsewhere")
+
+
+def _best_grip(
+    suture: Suture, arm: ArmModel, T_world_base: SE3, turn_rad: tuple[float, float], others: Capsules | None
+) -> Grip | None:
+    """Return the grip with most room on a part of the needle's rotation, clear of ``others``; None: none has enough."""
+    setup = suture.setup
+    grasps, in_needle = _grasps(setup.needle)
     any_grasp = with_puller(setup, arm, T_world_base, grasps[0])
+    at_needle = needle_poses(setup, setup.insertion.straight_m, np.linspace(*turn_rad, 12)).matrix[suture.row]
+    poses = at_needle @ in_needle[:, None]
+    poses = poses[(clear := (fingers_above_m(arm, SE3.unchecked(poses)) > OVER_TISSUE_M).all(1))]
+    back = poses[:, [0, 0, -1, -1]]
+    back[:, :, :3, 3] += COMES_FROM_M * back[:, :, :3, 2]
+    back[:, 0, 2, 3] += COMES_DOWN_M
+    back[:, 3, 2, 3] += COMES_DOWN_M
     T_base_theta = any_grasp.T_base_circle @ SE3.from_parts(SO3.axis("z", suture.theta_rad))
-    q = ik_unbounded(arm, T_base_theta @ SE3.unchecked(poses.matrix[clear]))
+    q = ik_unbounded(arm, T_base_theta @ SE3.unchecked(np.concatenate([back[:, :2], poses, back[:, 2:]], axis=1)))
     room = np.where((over_tissue_m(any_grasp, q) > OVER_TISSUE_M).all(1), room_rad(arm, q).min(1), 0.0)
-    first = holding_still(suture)
-    best = Pull(suture, turn_rad)
+    places = np.flatnonzero(clear)
     for k in np.argsort(-room):
-        if room[k] <= max(ROOM_RAD, best.room_rad):
-            break
-        pull = Pull(replace(suture, setup=replace(any_grasp, grasp=grasps[clear[k]])), turn_rad)
-        ways = pull_segments(pull)
-        apart = capsule_distances_m(capsules(arm, ways[0].q, OPEN_RAD).moved(T_world_base), first).min()
-        path = np.concatenate([way.q for way in ways])
-        least = float(room_rad(arm, path).min())
-        if apart >= APART_M and over_tissue_m(pull.setup, path).min() > OVER_TISSUE_M and least > best.room_rad:
-            best = replace(pull, room_rad=least, apart_m=float(apart))
-    if best.room_rad < ROOM_RAD:
-        raise OutOfReach(f"the second arm cannot pull the needle through at {suture} in one grip; place it elsewhere")
-    return best
+        if room[k] < ROOM_RAD:
+            return None
+        mine = replace(suture, setup=replace(any_grasp, grasp=grasps[places[k]]))
+        grip = Grip(mine, turn_rad, float(room[k]))
+        if others is None or _apart_m(grip, others) >= APART_M:
+            return grip
+    return None
+
+
+def _apart_m(grip: Grip, others: Capsules) -> float:
+    """Return the least distance of the arm from other capsules in the world on its way to a grip."""
+    coming = capsules(grip.setup.arm, reach_segment(grip).q, OPEN_RAD).moved(grip.setup.T_world_base)
+    return float(capsule_distances_m(coming, others).min())
 
 
 @lru_cache(maxsize=4)
-def _grasps(needle_radius_m: float) -> tuple[list[NeedleGrasp], NDArray[np.float64]]:
-    """Return the grasps that are tried (n), and the tip's pose (n, 4, 4) in the needle's frame in each."""
+def _grasps(needle: Needle) -> tuple[list[NeedleGrasp], NDArray[np.float64]]:
+    """Return the grasps that are tried (n), and the tip's pose (n, 4, 4) in the needle's frame in each.
+
+    In these the jaws come and go clear of the rest of the wire.
+    """
     grasps = [NeedleGrasp(*map(float, values)) for values in product(BEHIND_TIP_RAD, APPROACHES_RAD, LEANS_RAD)]
-    return grasps, np.stack([grasp.pose(needle_radius_m).matrix for grasp in grasps])
+    poses = np.stack([grasp.pose(needle.radius_m).matrix for grasp in grasps])
+    tip, wrist = poses[:, :3, 3], poses[:, :3, 3] + JAWS_M * poses[:, :3, 2]
+    free = []
+    for k, grasp in enumerate(grasps):
+        wire = wire_capsules(needle, grasp.behind_tip_rad).ends_m
+        apart_m = segment_distances_m(tip[k], wrist[k], wire[:, 0], wire[:, 1]).min()
+        free.append(apart_m > FREE_M)
+    return [grasp for grasp, good in zip(grasps, free, strict=True) if good], poses[free]
+
+
+def wire_capsules(needle: Needle, grasped_rad: float) -> Capsules:
+    """Return the wire in the needle's frame, except about where jaws hold it this far behind its tip."""
+    at = np.linspace(0.0, needle.arc_rad, 1 + math.ceil(needle.arc_rad / math.radians(7.5)))
+    ends = np.stack([needle.point_m(at[:-1]), needle.point_m(at[1:])], axis=1)
+    ends = ends[np.abs(0.5 * (at[:-1] + at[1:]) - grasped_rad) > HELD_RAD]
+    return Capsules(ends, np.full(len(ends), needle.wire_m / 2))
 
 
 def holding_still(suture: Suture) -> Capsules:
@@ -145,41 +214,62 @@ def holding_still(suture: Suture) -> Capsules:
     return capsules(setup.arm, driven[-1].q[-1], HOLDING_RAD).moved(setup.T_world_base)
 
 
-def pull_segments(pull: Pull) -> tuple[Segment, ...]:
-    """Return the second arm's segments: ``reach``, ``pull``, ``draw``, ``lift``; the roll is continuous over them.
+def reach_segment(grip: Grip) -> Segment:
+    """Return the way of open jaws to a grip: down, and then along their own axis."""
+    return grip_segments(grip)[0]
 
-    In the first the jaws are open, in the others they hold the needle.
-    """
-    setup, suture = pull.setup, pull.suture
-    arc_rad = pull.turn_rad[1] - pull.turn_rad[0]
-    turns = np.linspace(*pull.turn_rad, 2 + math.floor(arc_rad / SPACING_RAD))
-    turned = suture.turned(tip_poses(setup, setup.insertion.straight_m, turns))
-    back = turned[0].matrix[:3, 2]  # the jaws point the other way
-    down = shifted(turned[0], COMES_FROM_M * back + COMES_DOWN_M * UP, COMES_FROM_M * back)
-    along = shifted(turned[0], COMES_FROM_M * back, np.zeros(3))
-    reach = SE3.unchecked(np.concatenate([down.matrix[:-1], along.matrix]))
-    out_m = drawn_out_m(pull)
-    draw = shifted(turned[-1], np.zeros(3), out_m)
+
+def grip_segments(grip: Grip) -> tuple[Segment, ...]:
+    """Return the ways of one grip: ``reach``, ``pull``, and ``leave`` with open jaws; the roll is continuous."""
+    setup = grip.setup
+    arc_rad = grip.turn_rad[1] - grip.turn_rad[0]
+    turned = grip.T_circle_needle(np.linspace(*grip.turn_rad, 2 + math.floor(arc_rad / SPACING_RAD)))
+    turned = turned @ setup.grasp.pose(setup.needle.radius_m)
+    ways = [_leaving(turned[0])[::-1], turned, _leaving(turned[-1])]
+    away_m = COMES_FROM_M + COMES_DOWN_M
+    return _segments(setup, ("reach", "pull", "leave"), ways, (away_m, setup.needle.radius_m * arc_rad, away_m))
+
+
+def out_segments(grip: Grip) -> tuple[Segment, ...]:
+    """Return the ways of the needle in the last grip: ``draw`` it out of the tissue, and ``lift`` it."""
+    setup, out_m = grip.setup, drawn_out_m(grip)
+    last = (grip.T_circle_needle(np.array([grip.turn_rad[1]])) @ setup.grasp.pose(setup.needle.radius_m))[0]
+    draw = shifted(last, np.zeros(3), out_m)
     lift = shifted(draw[-1], np.zeros(3), LIFTED_M * UP)
-    parts: tuple[tuple[str, SE3, float], ...] = (
-        ("reach", reach, COMES_FROM_M + COMES_DOWN_M),
-        ("pull", turned, setup.needle.radius_m * arc_rad),
-        ("draw", draw, float(np.linalg.norm(out_m))),
-        ("lift", lift, LIFTED_M),
-    )
-    names, poses, lengths = zip(*parts, strict=True)
-    q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3.unchecked(np.concatenate([T.matrix for T in poses])))
+    near = grip_segments(grip)[1].q[-1]
+    return _segments(setup, ("draw", "lift"), [draw, lift], (float(np.linalg.norm(out_m)), LIFTED_M), near)
+
+
+def _segments(
+    setup: SutureSetup,
+    names: Sequence[str],
+    ways: Sequence[SE3],
+    lengths_m: Sequence[float],
+    near: NDArray[np.float64] | None = None,
+) -> tuple[Segment, ...]:
+    """Return successive ways of the tip in the circle's frame as segments, the roll continuous over them."""
+    poses = SE3.unchecked(np.concatenate([way.matrix for way in ways]))
+    q = ik_unbounded(setup.arm, setup.T_base_circle @ poses)
     q[:, ROLL] = unwound(q[:, ROLL], setup.arm.middle_floats[ROLL])
-    ends = np.cumsum([len(T.matrix) for T in poses])
-    return tuple(Segment(*each) for each in zip(names, np.split(q, ends[:-1]), lengths, strict=True))
+    if near is not None:
+        q[:, ROLL] -= TURN * np.rint((q[0, ROLL] - near[ROLL]) / TURN)
+    ends = np.cumsum([len(way.matrix) for way in ways])
+    parts = zip(names, np.split(q, ends[:-1]), lengths_m, strict=True)
+    return tuple(Segment(*part) for part in parts)
 
 
-def drawn_out_m(pull: Pull) -> NDArray[np.float64]:
+def _leaving(T_circle_tip: SE3) -> SE3:
+    """Return the poses of open jaws that leave a needle: back along their own axis, then up."""
+    back = COMES_FROM_M * T_circle_tip.matrix[:3, 2]  # the jaws point the other way
+    out = shifted(T_circle_tip, np.zeros(3), back)
+    up = shifted(T_circle_tip, back, back + COMES_DOWN_M * UP)
+    return SE3.unchecked(np.concatenate([out.matrix, up.matrix[1:]]))
+
+
+def drawn_out_m(grip: Grip) -> NDArray[np.float64]:
     """Return the way (3,), in the circle's frame, on which the needle is drawn out: along the chord of what is in."""
-    setup = pull.setup
-    turns = np.array([pull.turn_rad[1], tail_out_rad(setup)])
-    T_circle_needle = pull.suture.turned(needle_poses(setup, setup.insertion.straight_m, turns))
-    now, out = T_circle_needle.apply(setup.needle.point_m(np.array([setup.needle.arc_rad])))
+    turns = np.array([grip.turn_rad[1], tail_out_rad(grip.setup)])
+    now, out = grip.T_circle_needle(turns).apply(grip.setup.needle.point_m(np.array([grip.setup.needle.arc_rad])))
     chord = out - now
     return chord * (1.0 + CLEAR_M / float(np.linalg.norm(chord)))
 

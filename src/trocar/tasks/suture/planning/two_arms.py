@@ -20,9 +20,11 @@ from trocar.tasks.suture.planning.pull import (
     OPEN_RAD,
     ROOM_RAD,
     Pull,
+    grip_segments,
     holding_still,
+    out_segments,
     plan_pull,
-    pull_segments,
+    reach_segment,
     room_rad,
     shifted,
 )
@@ -62,13 +64,18 @@ class TwoArmPlan:
     def joints(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return all joints (n, 6) of the first arm, and (k, 6) of the second, on these ways."""
         first = [*self.stand, *(handover.take for handover in self.handovers)]
-        second = [way for pull in self.pulls for way in pull_segments(pull)]
+        second = [way for pull in self.pulls for grip in pull.grips for way in grip_segments(grip)]
+        second += [way for pull in self.pulls for way in out_segments(pull.grips[-1])]
         second += [handover.part for handover in self.handovers]
         return np.concatenate([way.q for way in first]), np.concatenate([way.q for way in second])
 
 
 def plan_two_arms(
-    sutures: Sequence[Suture], home_q: NDArray[np.float64], second: SecondArm, T_world_stand: SE3
+    sutures: Sequence[Suture],
+    home_q: NDArray[np.float64],
+    second: SecondArm,
+    T_world_stand: SE3,
+    cameras: Sequence[SE3],
 ) -> TwoArmPlan:
     """Return how the second arm pulls each needle through and hands it back, and how the first takes it from its stand.
 
@@ -77,21 +84,25 @@ def plan_two_arms(
         home_q: (6,) where the first arm rests while the second one moves.
         second: the other arm.
         T_world_stand: of the stand, z up.
+        cameras: their poses in the world; the nearest to the circle looks at the needle.
 
     Raises:
         OutOfReach: an arm cannot do its part; names what.
     """
     setup = sutures[0].setup
+    T_circle_world = setup.circle.T_world_circle.inverse()
+    eyes_m = [T_circle_world.apply(camera.translation_m) for camera in cameras]
+    eye_m = min(eyes_m, key=lambda place: float(np.linalg.norm(place)))
     stand = from_stand(sutures[0], T_world_stand)
     pulls, handovers = [], []
     for suture in sutures:
         pull = plan_pull(suture, second.model, second.T_world_base)
-        ways = pull_segments(pull)
-        _require_apart(second, between(second.home_q, ways[0].q[0]), suture)
+        last = pull.grips[-1]
+        _require_apart(second, between(second.home_q, reach_segment(pull.grips[0]).q[0]), suture)
         pulls.append(pull)
         if len(pulls) < len(sutures):
-            giver = Holder(pull.setup, second.home_q, ways[-1].q[-1])
-            handovers.append(plan_handover(giver, Holder(setup, home_q, home_q)))
+            giver = Holder(last.setup, second.home_q, out_segments(last)[-1].q[-1])
+            handovers.append(plan_handover(giver, Holder(setup, home_q, home_q), eye_m))
     return TwoArmPlan(stand, tuple(pulls), tuple(handovers))
 
 
