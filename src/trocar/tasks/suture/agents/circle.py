@@ -106,6 +106,9 @@ class End(NamedTuple):
 class CircleSuturing:
     """One arm drives one suture after the other; a person loads the needle before each."""
 
+    pulls = False
+    """Whether an arm pulls the needle through at the end, and so has to know where it is."""
+
     def __init__(self, context: AgentContext):
         cell, settings = context.cell, context.settings
         self.hand = ArmScript(cell, context.arms[0], settings.limits, settings.settle_s)
@@ -160,7 +163,9 @@ class CircleSuturing:
         *way_in, withdraw, rise = await self.hand.compute("planning", budget_s, lambda: suture_segments(suture))
         if failed := await self.take_needle(number):
             return failed
-        path = stretches(way_in, suture.setup) if self.tracker else [Stretch(segment) for segment in way_in]
+        path = [Stretch(segment) for segment in way_in]
+        if self.tracker:
+            path = stretches(way_in, suture.setup, to_the_end=self.pulls)
         for stretch in path:
             end = await self._stretch(number, stretch, suture, withdraw, rise)
             if end:
@@ -188,8 +193,9 @@ class CircleSuturing:
             self.log.event("step", suture=number, step=segment.name)
         if tracker:
             await self.look(stretch, tracker)
-            if segment.name == "approach" and stretch.first:
-                await self.check_needle(stretch, tracker)
+            above = segment.name == "approach" and stretch.first
+            if above and (failed := await self.check_needle(number, stretch, tracker)):
+                return failed
         if segment.regrasps:
             await self.open()
         if tracker:
@@ -200,17 +206,35 @@ class CircleSuturing:
             await self.open()
             await self.leave(number, *retreat(suture.setup, self.hand.q))
             return End(SutureOutcome.JOINT_LIMIT, reason)
-        if not segment.regrasps:
-            return None
+        return await self._regrip(number, stretch, *leaving) if segment.regrasps else None
+
+    async def _regrip(self, number: int, stretch: Stretch, *leaving: Segment) -> End | None:
+        """Close the jaws on the needle in the tissue; return how the suture ended, if they missed it."""
+        tracker = self.tracker
         if stretch.looks and tracker:
             await tracker.look()
-        if not await self.grip():
+        held = await self.grip()
+        if not held and tracker:
+            held = await self._grip_again(stretch, tracker)
+        if not held:
             await self.hand.jaw(self.settings.jaw_open_rad)
             await self.leave(number, *leaving)
-            return missed(number, f"the jaws closed on nothing after {segment.name}")
+            return missed(number, f"the jaws closed on nothing after {stretch.segment.name}")
         if tracker:
             tracker.gripped()
         return None
+
+    async def _grip_again(self, stretch: Stretch, tracker: NeedleTracker) -> bool:
+        """Find the needle, which the jaws missed, and close them where it is; return whether they hold it."""
+        await self.hand.jaw(self.settings.jaw_open_rad)
+        if not await tracker.find():
+            return False
+        segment = stretch.segment
+        try:
+            await self.hand.go(tracker.corrected(segment.first(len(segment.q) - segment.beyond)).q[-1])
+        except MotionRefused:
+            return False
+        return await self.grip()
 
     async def _load(self) -> bool:
         """Have a person put the needle into the jaws; return whether they hold it."""
@@ -222,16 +246,17 @@ class CircleSuturing:
                 return True
         return False
 
-    async def check_needle(self, stretch: Stretch, tracker: NeedleTracker) -> None:
+    async def check_needle(self, number: int, stretch: Stretch, tracker: NeedleTracker) -> End | None:
         """Have the needle loaded again if it is not seen in the jaws, or if its pose is too bad for driving."""
         for _ in range(self.settings.loadings - 1):
             if tracker.well_loaded:
-                return
+                break
             self.log.event("loaded anew")
             tracker.forget()
             if await self._load():
                 tracker.loaded()
                 await self.look(stretch, tracker)
+        return None
 
     async def look(self, stretch: Stretch, tracker: NeedleTracker) -> None:
         """Look at the needle before a stretch and, if another look is allowed, go to where it should be."""

@@ -16,6 +16,7 @@ from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
 from trocar.tasks.suture.planning.handover import Handover
 from trocar.tasks.suture.planning.pull import Grip, Pull, grip_segments, out_segments, reach_segment
 from trocar.tasks.suture.planning.segments import Segment
+from trocar.trajectory import Trajectory
 
 GRASPS = 3
 """How often the jaws are closed on the needle, until they hold it."""
@@ -68,7 +69,7 @@ class Puller:
             await self.hand.jaw(self.settings.jaw_open_rad)
             await self.follow(replace(way, q=way.q[::-1]), self.settings.travel_speed_m_s)
             if self.tracker:
-                await self.tracker.look()
+                await self.tracker.find()
         return False
 
     async def pull(self, pull: Pull) -> bool:
@@ -88,14 +89,12 @@ class Puller:
             return False
         if self.tracker and needle:
             self.tracker.rests(needle)
-            await self.tracker.look()
+            await self.tracker.find()
             needle = self.tracker.needle
         return await self.grasp(last, needle) and await self._move_needle(grip_segments(last)[1], *out_segments(last))
 
     async def _move_needle(self, *segments: Segment) -> bool:
-        """Move the needle along segments, having looked how it lies in the jaws; return whether they still hold it."""
-        if self.tracker:
-            await self.tracker.look()
+        """Move the needle along segments; return whether the jaws still hold it."""
         for segment in segments:
             self.cell.log.event("step of second arm", step=segment.name)
             way = self.tracker.with_needle(segment) if self.tracker else segment
@@ -105,28 +104,47 @@ class Puller:
         return self.holds
 
     async def present(self, handover: Handover) -> bool:
-        """Bring the needle to where the other arm takes it, and look at it; return whether the jaws still hold it."""
+        """Bring the needle to where the other arm takes it, and look at it.
+
+        Returns:
+            Whether it is there, and the jaws can leave it there.
+        """
         there = handover.part.first(1)
         way = self.tracker.with_needle(replace(there, q=np.repeat(there.q, 2, axis=0))) if self.tracker else there
         try:
             await self.hand.go(way.q[-1])
+            self.cell.robot.prepare({self.hand.name: self._leaving(handover)})
         except MotionRefused as error:
             self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
             return False
         if self.tracker:
-            await self.tracker.look()
+            await self.tracker.find()
         return self.holds
 
     async def let_go(self, handover: Handover) -> None:
         """Open the jaws, and leave the needle to the other arm."""
         await self.hand.jaw(self.settings.jaw_open_rad)
-        back = handover.part.q + (self.hand.q - handover.part.q[0])
-        await self.follow(replace(handover.part, q=back), self.settings.travel_speed_m_s)
-        await self.go_home()
+        await self.hand.move(self._leaving(handover))
+
+    def _leaving(self, handover: Handover) -> Trajectory:
+        """Return the motion of open jaws away from the needle."""
+        part = handover.part
+        return along(part.q + (self.hand.q - part.q[0]), part.length_m / self.settings.travel_speed_m_s)
+
+    async def come_near(self, pull: Pull) -> None:
+        """Go to where the way to the first grip begins."""
+        await self._go(reach_segment(pull.grips[0]).q[0])
 
     async def go_home(self) -> None:
         """Go to where this arm is in nobody's way."""
-        await self.hand.go(self.home)
+        await self._go(self.home)
+
+    async def _go(self, q: NDArray[np.float64]) -> None:
+        """Go to joints (6,), or stay where that is refused: what follows starts from there."""
+        try:
+            await self.hand.go(q)
+        except MotionRefused as error:
+            self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
 
     async def close(self) -> bool:
         """Close the jaws; return whether they stalled on a wire."""

@@ -5,12 +5,15 @@ Their scripts take turns: while one arm moves, the other rests, holding the need
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import trio
 
 from trocar.cell import Cell
-from trocar.errors import InvalidInput
+from trocar.errors import InvalidInput, MotionRefused
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.robots.arm_script import ArmScript
@@ -19,16 +22,22 @@ from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, Stretch
 from trocar.tasks.suture.agents.puller import GRASPS, Puller
 from trocar.tasks.suture.outcomes import SutureOutcome
+from trocar.tasks.suture.planning import Suture
+from trocar.tasks.suture.planning.primitive import driven_steps
 from trocar.tasks.suture.planning.segments import Segment
 from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_two_arms
 from trocar.tasks.suture.stand import T_stand_needle
 
+TRIES, WAIT_S = 20, 0.25
+"""How often, and how long after one another, an arm tries to leave while the other is in its way."""
 IN_STAND = np.diag(np.repeat([0.5e-3, 0.06], 3) ** 2)
 """How accurately a person sets up the needle: covariance of a twist in its frame, m and rad."""
 
 
 class TwoArmSuturing(CircleSuturing):
     """One arm drives the sutures, a second one pulls the needle through and hands it back; no person touches it."""
+
+    pulls = True
 
     def __init__(self, context: AgentContext):
         super().__init__(context)
@@ -39,6 +48,8 @@ class TwoArmSuturing(CircleSuturing):
             raise InvalidInput("this cell", "has no fixture 'stand', from which the first needle is taken", "add it")
         self.plan: TwoArmPlan | None = None
         self._lost = False
+        self._helpers: trio.Nursery | None = None
+        self._near = trio.Event()
 
     def require_help(self, cell: Cell) -> None:
         """Nobody has to help."""
@@ -63,14 +74,48 @@ class TwoArmSuturing(CircleSuturing):
             self.puller.tracker = NeedleTracker(cell, second, pulling, *looking, others=[self.hand])
         self._T_first_second = cell.T_world_base_registered[self.hand.name].inverse() @ base
 
+    async def _suture(self, number: int, suture: Suture) -> End:
+        """Drive a suture, while the second arm comes and goes beside it."""
+        async with trio.open_nursery() as self._helpers:
+            return await super()._suture(number, suture)
+
+    async def _stretch(self, number: int, stretch: Stretch, suture: Suture, *leaving: Segment) -> End | None:
+        """Follow a stretch; when the last push begins, the second arm comes."""
+        if stretch.first and stretch.segment.name == driven_steps(suture.setup)[-1].name:
+            self._near = trio.Event()
+            self._beside(self._second_comes, number)
+        return await super()._stretch(number, stretch, suture, *leaving)
+
+    async def _second_comes(self, number: int) -> None:
+        await self.puller.come_near(self._planned.pulls[number])
+        self._near.set()
+
+    async def _first_leaves(self) -> None:
+        """Go home, as soon as the second arm leaves room."""
+        for _ in range(TRIES):
+            try:
+                await self.hand.go(self.home)
+                return
+            except MotionRefused:
+                await self.clock.sleep(WAIT_S)
+
+    def _beside(self, action: Callable[..., Awaitable[Any]], *args: Any) -> None:
+        """Start something that goes on beside this suture."""
+        if self._helpers is not None:
+            self._helpers.start_soon(action, *args)
+
     async def take_needle(self, number: int) -> End | None:
         """Take the needle from its stand, or from the second arm; return how the suture ended, if that failed."""
         if self._lost:
             return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: neither arm has the needle", stops=True)
+        self._lost = True  # until the second arm has it again
         return await (self._from_second(number) if number else self._from_stand())
 
-    async def check_needle(self, stretch: Stretch, tracker: NeedleTracker) -> None:
-        """Do nothing: nobody loads the needle again."""
+    async def check_needle(self, number: int, stretch: Stretch, tracker: NeedleTracker) -> End | None:
+        """Return the suture's end if the needle is not seen in the jaws: nobody loads it again."""
+        if tracker.seen or await tracker.find():
+            return None
+        return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the needle is not seen in the first arm's jaws")
 
     async def finish(self, number: int, withdraw: Segment, rise: Segment) -> End:
         """Have the second arm grasp the tip and pull the needle through, after this arm has let go of it."""
@@ -78,14 +123,14 @@ class TwoArmSuturing(CircleSuturing):
         self.log.event("step", suture=number, step="grasp tip")
         needle = None
         if self.tracker:
-            await self.tracker.look()
+            await self.tracker.find()
             needle = _in_other(self.tracker.needle, self._T_first_second.inverse())
-        self._lost = True
+        await self._near.wait()
         if not await second.grasp(pull.grips[0], needle):
             return missed(number, "the second arm's jaws closed on nothing where the needle's tip should have been")
         await self.open()
         await self.leave(number, withdraw, rise)
-        await self.hand.go(self.home)
+        self._beside(self._first_leaves)
         self.log.event("step", suture=number, step="pull through")
         if not await second.pull(pull):
             return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
@@ -106,51 +151,54 @@ class TwoArmSuturing(CircleSuturing):
         if self.tracker:
             self.tracker.T_base_floor = T_base_stand
             self.tracker.rests(NeedleEstimate(T_base_needle, IN_STAND))
-            await self.tracker.look()
-        taken = await self._take(take, T_base_needle)
+            await self.tracker.find()
+        reason = await self._take(take, T_base_needle)
         if self.tracker:
             self.tracker.T_base_floor = self.sutures[0].setup.T_base_circle
-        if not taken:
-            self._lost = True
-            return missed(0, "the jaws closed on nothing where the needle should have been in its stand")
+        if reason:
+            return missed(0, f"in its stand, {reason}")
         if self.tracker:
             lift = self.tracker.with_needle(lift)
         await self.follow(0, lift, self.settings.travel_speed_m_s)
         return None
 
     async def _from_second(self, number: int) -> End | None:
-        handover, second = self._planned.handovers[number - 1], self.puller
+        """Take the needle from the second arm, at the first of the planned places that the commands of both allow."""
+        second, reason = self.puller, ""
         self.log.event("step", suture=number, step="hand over")
-        self._lost = True
-        if not await second.present(handover):
-            return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
-        T_base_needle = self.sutures[number].setup.T_base_circle @ handover.T_circle_needle
-        if self.tracker and second.tracker:
-            self.tracker.rests(_in_other(second.tracker.needle, self._T_first_second))
-        if not await self._take(handover.take, T_base_needle):
-            return End(
-                SutureOutcome.HANDOVER_REFUSED, f"suture {number + 1}: the jaws closed on nothing at the handover"
-            )
-        self._lost = False
-        await second.let_go(handover)
-        return None
+        for handover in self._planned.handovers[number - 1]:
+            if not second.holds:
+                return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
+            if not await second.present(handover):
+                reason = "the second arm cannot hold it out"
+                continue
+            T_base_needle = self.sutures[number].setup.T_base_circle @ handover.T_circle_needle
+            if self.tracker and second.tracker:
+                self.tracker.rests(_in_other(second.tracker.needle, self._T_first_second))
+            reason = await self._take(handover.take, T_base_needle)
+            if not reason:
+                await second.let_go(handover)
+                self._beside(second.go_home)
+                return None
+            await self._first_leaves()
+        return End(SutureOutcome.HANDOVER_REFUSED, f"suture {number + 1}: at the handover, {reason}")
 
-    async def _take(self, take: Segment, T_base_needle: SE3) -> bool:
-        """Close the jaws on the needle that rests about here in this arm's base; return whether they hold it."""
+    async def _take(self, take: Segment, T_base_needle: SE3) -> str:
+        """Close the jaws on the needle that rests about here in this arm's base; return in words why they could not."""
         await self.hand.jaw(self.settings.jaw_open_rad)
         for _ in range(GRASPS):
             way = self.tracker.towards_needle(take, T_base_needle) if self.tracker else take
-            if await self.follow(0, way, self.settings.travel_speed_m_s / 2):
-                return False
+            if reason := await self.follow(0, way, self.settings.travel_speed_m_s / 2):
+                return reason
             if await self.grip():
                 if self.tracker:
                     self.tracker.took(self.sutures[0].setup)
-                return True
+                return ""
             await self.hand.jaw(self.settings.jaw_open_rad)
             await self.follow(0, replace(way, q=way.q[::-1]), self.settings.travel_speed_m_s)
             if self.tracker:
-                await self.tracker.look()
-        return False
+                await self.tracker.find()
+        return "the jaws closed on nothing"
 
     @property
     def _T_base_world(self) -> SE3:

@@ -28,16 +28,22 @@ from trocar.tasks.suture.planning.pull import (
 from trocar.tasks.suture.planning.segments import Segment
 from trocar.tasks.suture.planning.setup import SutureSetup
 
-HEIGHTS_M, ASIDE_M = (0.035, 0.045), (-0.015, 0.0, 0.015)
-"""Where the needle's centre may be, in the circle's frame: so high that instruments reach round it over the tissue."""
+HEIGHTS_M = (0.030, 0.040, 0.050)
+"""Height of the needle's centre over the tissue: instruments have to reach round it."""
+BEHIND = (-0.6, 0.0, 0.6)
+"""Where the camera sees the tissue behind the needle's centre, along x and y of the circle, as shares of its radius:
+the needle is told from what is behind it by the tissue's colour."""
 ATTITUDES, SEED = 1500, 7
 """Number of attitudes of the needle that are tried at each place."""
-FACES = 0.5
+FACES = 0.45
 """Least cosine of the angle between the normal of the needle's plane and the way to the camera that looks at it."""
-TRIED, ENOUGH_ROOM_RAD = 40, math.radians(35.0)
-"""So many attitudes with the most room at each place are considered; more room than this is worth no further way."""
+TRIED, ENOUGH_ROOM_RAD, TURN_COSTS = 40, math.radians(40.0), 0.04
+"""So many attitudes with the most room at each place are considered; more room than this is not better, and a joint of
+the giver that turns further on its way there takes time: it counts as this share of room."""
 WIRE_APART_M = 1.0e-3
 """Least distance of an instrument that comes or goes from the wire, except about where its own jaws hold it."""
+ALTERNATIVES, OTHERWISE_RAD = 4, math.radians(25.0)
+"""Number of handovers, and how far the needle's attitudes in them differ at least."""
 SAMPLES = 24
 """Configurations at which a way from rest to rest is looked at."""
 
@@ -76,8 +82,10 @@ class Handover:
     apart_m: float = 0.0
 
 
-def plan_handover(giver: Holder, taker: Holder, p_circle_camera_m: NDArray[np.float64]) -> Handover:
-    """Return the handover that leaves the joints of both arms enough room, or most, with the least turn of the giver.
+def plan_handovers(giver: Holder, taker: Holder, p_circle_camera_m: NDArray[np.float64]) -> tuple[Handover, ...]:
+    """Return handovers, the best first: these leave the joints of both arms enough room, and turn the giver least.
+
+    The others are alternatives, with other attitudes of the needle, for arms whose commands do not reach the first.
 
     Args:
         giver: has the needle.
@@ -90,7 +98,9 @@ def plan_handover(giver: Holder, taker: Holder, p_circle_camera_m: NDArray[np.fl
     rng = np.random.default_rng(SEED)
     attitudes = SO3.from_quaternion(_unit(rng.standard_normal((ATTITUDES, 4)))).matrix
     found = []
-    for place in product(ASIDE_M, ASIDE_M, HEIGHTS_M):
+    for x, y, up_m in product(BEHIND, BEHIND, HEIGHTS_M):
+        behind = taker.setup.circle.radius_m * np.array([x, y, 0.0])
+        place = behind + (p_circle_camera_m - behind) * up_m / p_circle_camera_m[2]
         sight = p_circle_camera_m - place
         facing = attitudes[np.abs(attitudes[:, :, 2] @ sight) > FACES * np.linalg.norm(sight)]
         T = SE3.from_parts(SO3.unchecked(facing), np.broadcast_to(place, (len(facing), 3)))
@@ -100,14 +110,16 @@ def plan_handover(giver: Holder, taker: Holder, p_circle_camera_m: NDArray[np.fl
     rooms = np.array([room for room, _ in found])
     poses = [pose for _, pose in found]
     way = np.array([_turned_rad(giver, pose) for pose in poses])
-    best: Handover | None = None
-    for k in np.lexsort((way, -np.minimum(rooms, ENOUGH_ROOM_RAD))):
-        if rooms[k] < ROOM_RAD:
+    chosen: list[Handover] = []
+    for k in np.argsort(TURN_COSTS * way - np.minimum(rooms, ENOUGH_ROOM_RAD)):
+        if len(chosen) == ALTERNATIVES or rooms[k] < ROOM_RAD:
             break
-        best = _judged(giver, taker, poses[k])
-        if best is not None:
-            return best
-    raise OutOfReach("no place over the circle lets one arm hand the needle to the other; place the arms elsewhere")
+        others = [poses[k].rotation.inverse() @ other.T_circle_needle.rotation for other in chosen]
+        if all(np.linalg.norm(turn.log()) > OTHERWISE_RAD for turn in others):
+            chosen += [found] if (found := _judged(giver, taker, poses[k])) is not None else []
+    if not chosen:
+        raise OutOfReach("nowhere over the circle can one arm hand the needle to the other; place the arms elsewhere")
+    return tuple(chosen)
 
 
 def taking(setup: SutureSetup, T_circle_needle: SE3, near: NDArray[np.float64] | None = None) -> Segment:
@@ -176,9 +188,12 @@ def _turned_rad(giver: Holder, T_circle_needle: SE3) -> float:
 
 
 def _room_at(setup: SutureSetup, T_circle_needle: SE3) -> NDArray[np.float64]:
-    """Return the room (n,) of an arm that holds a needle at these poses (n,)."""
-    q = ik_unbounded(setup.arm, setup.T_base_circle @ T_circle_needle @ grasp_pose(setup))
-    return room_rad(setup.arm, q[:, None])[:, 0]
+    """Return the room (n,) of an arm that holds a needle at these poses (n,), and comes or goes with open jaws."""
+    there = (T_circle_needle @ grasp_pose(setup)).matrix
+    back = there.copy()
+    back[:, :3, 3] += COMES_FROM_M * there[:, :3, 2]
+    q = ik_unbounded(setup.arm, setup.T_base_circle @ SE3.unchecked(np.stack([there, back], axis=1)))
+    return room_rad(setup.arm, q).min(axis=1)
 
 
 def _unit(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from trocar.arms import ArmModel, capsules, ik_unbounded
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.geometry.capsules import capsule_distances_m
-from trocar.tasks.suture.planning.handover import Handover, Holder, between, plan_handover, taking
+from trocar.tasks.suture.planning.handover import Handover, Holder, between, plan_handovers, taking
 from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.pull import (
     APART_M,
@@ -54,19 +54,19 @@ class TwoArmPlan:
     Attributes:
         stand: the first arm's way to its grasp of the needle in its stand, and from there up with it.
         pulls: the second arm's part of each suture.
-        handovers: from each suture to the next, one fewer than there are sutures.
+        handovers: from each suture to the next, the best first; one set fewer than there are sutures.
     """
 
     stand: tuple[Segment, Segment]
     pulls: tuple[Pull, ...]
-    handovers: tuple[Handover, ...]
+    handovers: tuple[tuple[Handover, ...], ...]
 
     def joints(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return all joints (n, 6) of the first arm, and (k, 6) of the second, on these ways."""
-        first = [*self.stand, *(handover.take for handover in self.handovers)]
+        first = [*self.stand, *(each.take for alternatives in self.handovers for each in alternatives)]
         second = [way for pull in self.pulls for grip in pull.grips for way in grip_segments(grip)]
         second += [way for pull in self.pulls for way in out_segments(pull.grips[-1])]
-        second += [handover.part for handover in self.handovers]
+        second += [each.part for alternatives in self.handovers for each in alternatives]
         return np.concatenate([way.q for way in first]), np.concatenate([way.q for way in second])
 
 
@@ -102,7 +102,7 @@ def plan_two_arms(
         pulls.append(pull)
         if len(pulls) < len(sutures):
             giver = Holder(last.setup, second.home_q, out_segments(last)[-1].q[-1])
-            handovers.append(plan_handover(giver, Holder(setup, home_q, home_q), eye_m))
+            handovers.append(plan_handovers(giver, Holder(setup, home_q, home_q), eye_m))
     return TwoArmPlan(stand, tuple(pulls), tuple(handovers))
 
 
