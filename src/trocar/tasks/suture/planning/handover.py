@@ -37,9 +37,9 @@ ATTITUDES, SEED = 1500, 7
 """Number of attitudes of the needle that are tried at each place."""
 FACES = 0.45
 """Least cosine of the angle between the normal of the needle's plane and the way to the camera that looks at it."""
-TRIED, ENOUGH_ROOM_RAD, TURN_COSTS = 40, math.radians(40.0), 0.04
-"""So many attitudes with the most room at each place are considered; more room than this is not better, and a joint of
-the giver that turns further on its way there takes time: it counts as this share of room."""
+TRIED, ENOUGH_ROOM_RAD, TURN_COSTS = 300, math.radians(40.0), 0.04
+"""So many places with the most room are considered; more room than this is not better, and a joint of the giver that
+turns further on its way there takes time: it counts as this share of room."""
 WIRE_APART_M = 1.0e-3
 """Least distance of an instrument that comes or goes from the wire, except about where its own jaws hold it."""
 ALTERNATIVES, OTHERWISE_RAD = 4, math.radians(25.0)
@@ -82,7 +82,51 @@ class Handover:
     apart_m: float = 0.0
 
 
-def plan_handovers(giver: Holder, taker: Holder, p_circle_camera_m: NDArray[np.float64]) -> tuple[Handover, ...]:
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where the taker reaches a needle that the camera sees well.
+
+    Attributes:
+        T_circle_needle: (n,) poses of the needle.
+        room_rad: (n,) room of the taker's turning joints.
+    """
+
+    T_circle_needle: SE3
+    room_rad: NDArray[np.float64]
+
+    def both_rad(self, giver: SutureSetup) -> NDArray[np.float64]:
+        """Return the room (n,) of the turning joints of both arms."""
+        return np.minimum(self.room_rad, _room_at(giver, self.T_circle_needle))
+
+
+def handover_places(taker: SutureSetup, p_circle_camera_m: NDArray[np.float64]) -> Places:
+    """Return where an arm could take a needle in the grasp of its setup.
+
+    Args:
+        taker: the geometry with this arm.
+        p_circle_camera_m: (3,) from where the needle has to be seen, in the circle's frame.
+
+    Raises:
+        OutOfReach: nowhere.
+    """
+    rng = np.random.default_rng(SEED)
+    attitudes = SO3.from_quaternion(_unit(rng.standard_normal((ATTITUDES, 4)))).matrix
+    poses = []
+    for x, y, up_m in product(BEHIND, BEHIND, HEIGHTS_M):
+        behind = taker.circle.radius_m * np.array([x, y, 0.0])
+        place = behind + (p_circle_camera_m - behind) * up_m / p_circle_camera_m[2]
+        sight = p_circle_camera_m - place
+        facing = attitudes[np.abs(attitudes[:, :, 2] @ sight) > FACES * np.linalg.norm(sight)]
+        poses.append(SE3.from_parts(SO3.unchecked(facing), np.broadcast_to(place, (len(facing), 3))).matrix)
+    T_circle_needle = SE3.unchecked(np.concatenate(poses))
+    room = _room_at(taker, T_circle_needle)
+    reached = room > ROOM_RAD
+    if not reached.any():
+        raise OutOfReach("nowhere over the circle can the first arm take the needle; place the arms elsewhere")
+    return Places(SE3.unchecked(T_circle_needle.matrix[reached]), room[reached])
+
+
+def plan_handovers(giver: Holder, taker: Holder, places: Places) -> tuple[Handover, ...]:
     """Return handovers, the best first: these leave the joints of both arms enough room, and turn the giver least.
 
     The others are alternatives, with other attitudes of the needle, for arms whose commands do not reach the first.
@@ -90,33 +134,23 @@ def plan_handovers(giver: Holder, taker: Holder, p_circle_camera_m: NDArray[np.f
     Args:
         giver: has the needle.
         taker: takes it in the grasp of its setup.
-        p_circle_camera_m: (3,) from where the needle has to be seen, in the circle's frame.
+        places: where it could.
 
     Raises:
         OutOfReach: there is none in which both arms reach the needle and stay clear of each other.
     """
-    rng = np.random.default_rng(SEED)
-    attitudes = SO3.from_quaternion(_unit(rng.standard_normal((ATTITUDES, 4)))).matrix
-    found = []
-    for x, y, up_m in product(BEHIND, BEHIND, HEIGHTS_M):
-        behind = taker.setup.circle.radius_m * np.array([x, y, 0.0])
-        place = behind + (p_circle_camera_m - behind) * up_m / p_circle_camera_m[2]
-        sight = p_circle_camera_m - place
-        facing = attitudes[np.abs(attitudes[:, :, 2] @ sight) > FACES * np.linalg.norm(sight)]
-        T = SE3.from_parts(SO3.unchecked(facing), np.broadcast_to(place, (len(facing), 3)))
-        room = np.minimum(*(_room_at(holder.setup, T) for holder in (giver, taker)))
-        found += [(float(room[k]), T[int(k)]) for k in np.argsort(-room)[:TRIED]]
-    found.sort(key=lambda each: -each[0])
-    rooms = np.array([room for room, _ in found])
-    poses = [pose for _, pose in found]
-    way = np.array([_turned_rad(giver, pose) for pose in poses])
+    rooms = places.both_rad(giver.setup)
+    likely = np.argsort(-rooms)[:TRIED]
+    worth = np.minimum(rooms[likely], ENOUGH_ROOM_RAD)
+    worth -= TURN_COSTS * np.array([_turned_rad(giver, places.T_circle_needle[int(k)]) for k in likely])
     chosen: list[Handover] = []
-    for k in np.argsort(TURN_COSTS * way - np.minimum(rooms, ENOUGH_ROOM_RAD)):
+    for k in likely[np.argsort(-worth)]:
         if len(chosen) == ALTERNATIVES or rooms[k] < ROOM_RAD:
             break
-        others = [poses[k].rotation.inverse() @ other.T_circle_needle.rotation for other in chosen]
+        pose = places.T_circle_needle[int(k)]
+        others = [pose.rotation.inverse() @ other.T_circle_needle.rotation for other in chosen]
         if all(np.linalg.norm(turn.log()) > OTHERWISE_RAD for turn in others):
-            chosen += [found] if (found := _judged(giver, taker, poses[k])) is not None else []
+            chosen += [found] if (found := _judged(giver, taker, pose)) is not None else []
     if not chosen:
         raise OutOfReach("nowhere over the circle can one arm hand the needle to the other; place the arms elsewhere")
     return tuple(chosen)

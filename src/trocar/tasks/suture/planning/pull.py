@@ -6,7 +6,7 @@ Poses are those of ``primitive``: the needle's rotation counts from where its st
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -32,9 +32,11 @@ from trocar.tasks.suture.planning.primitive import (
 from trocar.tasks.suture.planning.segments import UP, Segment, ranges, suture_segments
 from trocar.tasks.suture.planning.setup import NeedleGrasp, SutureSetup
 
-BEHIND_TIP_RAD = np.radians([8.0, 13.0, 18.0])
-APPROACHES_RAD, LEANS_RAD = np.radians(np.arange(-180.0, 180.0, 10.0)), np.radians(np.arange(-60.0, 61.0, 10.0))
-"""Grasps that are tried: near enough to the tip to be over the tissue, far enough from it for the jaws to hold."""
+BEHIND_TIP_RAD = (tuple(np.radians([13.0, 18.0])), tuple(np.radians([25.0, 32.0])))
+"""Where the first and the second grip are tried: first little of the needle is out; then jaws that close a millimetre
+or two aside still hold the wire."""
+APPROACHES_RAD, LEANS_RAD = np.radians(np.arange(-180.0, 180.0, 10.0)), np.radians(np.arange(-30.0, 31.0, 10.0))
+"""Grasps that are tried: jaws that lean further along the wire leave the other arm less room at the handover."""
 JAWS_M, HELD_RAD = 0.020, math.radians(30.0)
 """So much of an instrument, from the tip of its jaws back, has to stay clear of the wire, except for so much of the arc
 on either side of the grasp."""
@@ -117,7 +119,9 @@ def with_puller(setup: SutureSetup, arm: ArmModel, T_world_base: SE3, grasp: Nee
     return replace(setup, arm=arm, T_world_base=T_world_base, grasp=grasp)
 
 
-def plan_pull(suture: Suture, arm: ArmModel, T_world_base: SE3) -> Pull:
+def plan_pull(
+    suture: Suture, arm: ArmModel, T_world_base: SE3, worth: Callable[[SutureSetup], float] | None = None
+) -> Pull:
     """Return how an arm pulls the needle of a suture through.
 
     Of the grasps in which flat jaws hold the wire, these leave the joints most room, among those that keep the
@@ -127,6 +131,7 @@ def plan_pull(suture: Suture, arm: ArmModel, T_world_base: SE3) -> Pull:
         suture: with the first arm, which holds the needle where the second one comes to grasp it.
         arm: the second arm.
         T_world_base: its base.
+        worth: room of the joints, rad, in what comes after the second grip, in which the needle stays.
 
     Raises:
         OutOfReach: there are no such grasps.
@@ -136,28 +141,66 @@ def plan_pull(suture: Suture, arm: ArmModel, T_world_base: SE3) -> Pull:
     first, best = holding_still(suture), None
     for share in SHARES:
         middle = start + share * (end - start)
-        grips = [_best_grip(suture, arm, T_world_base, ends, None) for ends in ((start, middle), (middle, end))]
+        parts = zip(((start, middle), (middle, end)), BEHIND_TIP_RAD, strict=True)
+        grips = [_best_grip(suture, arm, T_world_base, ends, behind) for ends, behind in parts]
         room = min(grip.room_rad if grip else 0.0 for grip in grips)
         if room > ROOM_RAD and (best is None or room > best[0]):
             best = room, middle
     if best is not None:
-        one = _best_grip(suture, arm, T_world_base, (start, best[1]), first)
-        two = _best_grip(suture, arm, T_world_base, (best[1], end), None)
-        if one and two:
-            return Pull((one, two), _apart_m(one, first))
+        one = _best_grip(suture, arm, T_world_base, (start, best[1]), BEHIND_TIP_RAD[0], first)
+        if one:
+            return Pull((one, _preferred(suture, arm, T_world_base, (best[1], end), worth)), _apart_m(one, first))
     raise OutOfReach(f"the second arm cannot pull the needle through at {suture}; place it elsewhere")
 
 
 def _best_grip(
-    suture: Suture, arm: ArmModel, T_world_base: SE3, turn_rad: tuple[float, float], others: Capsules | None
+    suture: Suture,
+    arm: ArmModel,
+    T_world_base: SE3,
+    turn_rad: tuple[float, float],
+    behind_tip_rad: tuple[float, ...],
+    others: Capsules | None = None,
 ) -> Grip | None:
     """Return the grip with most room on a part of the needle's rotation, clear of ``others``; None: none has enough."""
+    for grip in _grips(suture, arm, T_world_base, turn_rad, behind_tip_rad):
+        if others is None or _apart_m(grip, others) >= APART_M:
+            return grip
+    return None
+
+
+def _preferred(
+    suture: Suture,
+    arm: ArmModel,
+    T_world_base: SE3,
+    turn_rad: tuple[float, float],
+    worth: Callable[[SutureSetup], float] | None,
+) -> Grip:
+    """Return the second grip that leaves most room, in it and in what comes after it."""
+    best, found = 0.0, None
+    for grip in _grips(suture, arm, T_world_base, turn_rad, BEHIND_TIP_RAD[1]):
+        if found is not None and grip.room_rad <= best:
+            break
+        room = grip.room_rad if worth is None else min(grip.room_rad, worth(grip.setup))
+        if found is None or room > best:
+            best, found = room, grip
+    if found is None:
+        raise OutOfReach(f"the second arm cannot pull the needle through at {suture}; place it elsewhere")
+    return found
+
+
+def _grips(
+    suture: Suture, arm: ArmModel, T_world_base: SE3, turn_rad: tuple[float, float], behind_tip_rad: tuple[float, ...]
+) -> Iterator[Grip]:
+    """Yield the grips on a part of the needle's rotation that leave enough room, the one with most of it first."""
     setup = suture.setup
-    grasps, in_needle = _grasps(setup.needle)
+    grasps, in_needle = _grasps(setup.needle, behind_tip_rad)
     any_grasp = with_puller(setup, arm, T_world_base, grasps[0])
     at_needle = needle_poses(setup, setup.insertion.straight_m, np.linspace(*turn_rad, 12)).matrix[suture.row]
     poses = at_needle @ in_needle[:, None]
-    poses = poses[(clear := (fingers_above_m(arm, SE3.unchecked(poses)) > OVER_TISSUE_M).all(1))]
+    places = np.flatnonzero((fingers_above_m(arm, SE3.unchecked(poses)) > OVER_TISSUE_M).all(1))
+    if not len(places):
+        return
+    poses = poses[places]
     back = poses[:, [0, 0, -1, -1]]
     back[:, :, :3, 3] += COMES_FROM_M * back[:, :, :3, 2]
     back[:, 0, 2, 3] += COMES_DOWN_M
@@ -165,15 +208,11 @@ def _best_grip(
     T_base_theta = any_grasp.T_base_circle @ SE3.from_parts(SO3.axis("z", suture.theta_rad))
     q = ik_unbounded(arm, T_base_theta @ SE3.unchecked(np.concatenate([back[:, :2], poses, back[:, 2:]], axis=1)))
     room = np.where((over_tissue_m(any_grasp, q) > OVER_TISSUE_M).all(1), room_rad(arm, q).min(1), 0.0)
-    places = np.flatnonzero(clear)
     for k in np.argsort(-room):
         if room[k] < ROOM_RAD:
-            return None
+            return
         mine = replace(suture, setup=replace(any_grasp, grasp=grasps[places[k]]))
-        grip = Grip(mine, turn_rad, float(room[k]))
-        if others is None or _apart_m(grip, others) >= APART_M:
-            return grip
-    return None
+        yield Grip(mine, turn_rad, float(room[k]))
 
 
 def _apart_m(grip: Grip, others: Capsules) -> float:
@@ -183,12 +222,12 @@ def _apart_m(grip: Grip, others: Capsules) -> float:
 
 
 @lru_cache(maxsize=4)
-def _grasps(needle: Needle) -> tuple[list[NeedleGrasp], NDArray[np.float64]]:
+def _grasps(needle: Needle, behind_tip_rad: tuple[float, ...]) -> tuple[list[NeedleGrasp], NDArray[np.float64]]:
     """Return the grasps that are tried (n), and the tip's pose (n, 4, 4) in the needle's frame in each.
 
     In these the jaws come and go clear of the rest of the wire.
     """
-    grasps = [NeedleGrasp(*map(float, values)) for values in product(BEHIND_TIP_RAD, APPROACHES_RAD, LEANS_RAD)]
+    grasps = [NeedleGrasp(*map(float, values)) for values in product(behind_tip_rad, APPROACHES_RAD, LEANS_RAD)]
     poses = np.stack([grasp.pose(needle.radius_m).matrix for grasp in grasps])
     tip, wrist = poses[:, :3, 3], poses[:, :3, 3] + JAWS_M * poses[:, :3, 2]
     free = []

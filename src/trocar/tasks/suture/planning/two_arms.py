@@ -12,7 +12,7 @@ from trocar.arms import ArmModel, capsules, ik_unbounded
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.geometry.capsules import capsule_distances_m
-from trocar.tasks.suture.planning.handover import Handover, Holder, between, plan_handovers, taking
+from trocar.tasks.suture.planning.handover import Handover, Holder, between, handover_places, plan_handovers, taking
 from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.pull import (
     APART_M,
@@ -29,6 +29,7 @@ from trocar.tasks.suture.planning.pull import (
     shifted,
 )
 from trocar.tasks.suture.planning.segments import UP, Segment
+from trocar.tasks.suture.planning.setup import SutureSetup
 from trocar.tasks.suture.stand import T_stand_needle
 
 
@@ -92,17 +93,22 @@ def plan_two_arms(
     setup = sutures[0].setup
     T_circle_world = setup.circle.T_world_circle.inverse()
     eyes_m = [T_circle_world.apply(camera.translation_m) for camera in cameras]
-    eye_m = min(eyes_m, key=lambda place: float(np.linalg.norm(place)))
+    places = handover_places(setup, min(eyes_m, key=lambda place: float(np.linalg.norm(place))))
     stand = from_stand(sutures[0], T_world_stand)
     pulls, handovers = [], []
+
+    def handover_room_rad(giver: SutureSetup) -> float:
+        return float(places.both_rad(giver).max())
+
     for suture in sutures:
-        pull = plan_pull(suture, second.model, second.T_world_base)
+        ends = len(pulls) + 1 == len(sutures)
+        pull = plan_pull(suture, second.model, second.T_world_base, None if ends else handover_room_rad)
         last = pull.grips[-1]
         _require_apart(second, between(second.home_q, reach_segment(pull.grips[0]).q[0]), suture)
         pulls.append(pull)
-        if len(pulls) < len(sutures):
+        if not ends:
             giver = Holder(last.setup, second.home_q, out_segments(last)[-1].q[-1])
-            handovers.append(plan_handovers(giver, Holder(setup, home_q, home_q), eye_m))
+            handovers.append(plan_handovers(giver, Holder(setup, home_q, home_q), places))
     return TwoArmPlan(stand, tuple(pulls), tuple(handovers))
 
 
