@@ -7,7 +7,7 @@ import math
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.needle import Needle
 
-STAND_M = (0.024, 0.024, 0.006)
+STAND_M = (0.018, 0.018, 0.006)
 """Width, depth and height of the block; its frame is in the middle of its top, z up."""
 DEEP_M = 2.5e-3
 """How deep the needle is stuck into it."""
