@@ -11,8 +11,8 @@ import numpy as np
 
 from trocar.geometry import TURN
 from trocar.tasks.suture.planning import MARGINS, Reward, SutureJoints, SutureSetup, suture_joints
+from trocar.tasks.suture.planning.parameters import SEARCHED, with_parameters
 from trocar.tasks.suture.planning.rewards import scored
-from trocar.tasks.suture.planning.setup import SEARCHED, with_parameters
 
 SETUPS, POSITIONS, COARSE = 300, 180, 12
 DRAWN = tuple(name for name in SEARCHED if not name.startswith(("center", "base_sideways")))

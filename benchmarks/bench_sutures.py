@@ -9,6 +9,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,9 @@ def main() -> None:
     for name, preset in PRESETS.items():
         print(f"{name}:")
         paper, found = paper_problem(preset)
+        if preset.setup.insertion.theta_is == "entry":  # of which gaps in the tissue cannot be bounded
+            middle = replace(preset.setup, insertion=replace(preset.setup.insertion, theta_is="middle"))
+            found = dexterity(middle, preset.reward, POSITIONS)
         print(" general problem, dexterities given:")
         general = general_problem(found)
         print(" at any angles, by a local search:")

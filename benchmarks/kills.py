@@ -38,7 +38,7 @@ RUNS = {
     "uncalibrated": f"{PEG} --method uncalibrated --sessions 1 --trials 2 --seed 3",
     "calibrated": f"{PEG} --calibration joints --sessions 2 --trials 1 --seed 3 --new-session --refit-offsets",
     "two at once": f"{PEG} --method uncalibrated --sessions 2 --trials 1 --seed 4 --jobs 2",
-    "suture": "run suture --sutures 1 --method blind --budget 20 --trials 2 --seed 3",
+    "suture": "run suture --count 1 --method blind --budget 20 --trials 2 --seed 3",
     "debridement": "run debridement --fragments 1 --budget 6 --trials 2 --seed 3",
 }
 """Short runs, by name; what becomes of their goals does not matter here."""

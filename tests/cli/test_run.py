@@ -299,7 +299,7 @@ def test_an_option_of_one_task_is_none_of_anothers():
         shown[task] = result.output
     for option in ("--variant", "--transfers"):
         assert option in shown["peg-transfer"] and option not in shown["suture"]
-    for option in ("--sutures", "--preset", "--plan ", "--direction"):
+    for option in ("--count", "--preset", "--plan ", "--direction"):
         assert option in shown["suture"] and option not in shown["peg-transfer"]
     of_run = {field.name: field.metadata for field in fields(RunConfig) if field.metadata}
     assert len(of_run) == 16, "all but the task and the plugins"

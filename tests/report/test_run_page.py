@@ -144,7 +144,7 @@ LINES = [
     "--new-session --refit-offsets --flawless-camera --difficulty harsh --flaw offsets=2deg --flaw wear=0 "
     "--sessions 3 --trials 2",
     "run peg-transfer --method adaptive --planner sqp --budget 90",
-    "run suture --sutures 3 --direction clockwise --calibration joints --prior fleet",
+    "run suture --count 3 --direction clockwise --calibration joints --prior fleet",
     "run debridement --arms 1 --fragments 4 --method paper --backdrop tissue --flaw kinematics=0.5",
 ]
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from trocar.errors import InvalidValue
 from trocar.geometry import SE3
-from trocar.tasks.suture.needle import Needle
+from trocar.tasks.suture.needle import NEEDLES, Needle
 
 NEEDLE = Needle()
 SEEDS = st.integers(0, 2**32 - 1)
@@ -71,3 +71,15 @@ def test_opposite_the_wire_the_nearer_end_counts():
 def test_a_needle_that_nobody_makes_is_refused(what, value):
     with pytest.raises(InvalidValue, match=f"needle {what.partition('_')[0]} is "):
         Needle(**{what: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "length_mm", "circle"),
+    [("RB-1", 17, 1 / 2), ("SH", 26, 1 / 2), ("CT-1", 36, 1 / 2), ("PS-2", 19, 3 / 8), ("UR-6", 26, 5 / 8)],
+)
+def test_needles_of_the_catalogue_have_the_length_along_the_wire_of_their_package(name, length_mm, circle):
+    needle = NEEDLES[name]
+    angles = np.linspace(0.0, needle.arc_rad, 20_001)
+    points = needle.point_m(angles)
+    assert 1e3 * np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(length_mm, rel=1e-6)
+    assert np.degrees(needle.arc_rad) == pytest.approx(360 * circle)

@@ -10,7 +10,7 @@ from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.lab.flaws import Difficulty
-from trocar.tasks.suture.planning import CLOCKWISE, PRESETS
+from trocar.tasks.suture.planning import CLOCKWISE
 from trocar.tasks.suture.planning.plan import PlannedSutures, setup_from
 from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
@@ -121,26 +121,42 @@ def test_the_options_hold_all_of_a_plan_for_its_file_may_change(tmp_path):
     assert options["plan_file"]["directions"] == [CLOCKWISE]
 
 
-ONE = planned()
+ONE, UNHELD = planned(), replace(SETUP.grasp, skew_rad=1.0)
 
 
 @pytest.mark.parametrize(
     ("plan", "options", "words"),
     [
-        (None, {"preset": "paper-demo"}, "cannot be driven.*flat jaws.*default"),
         (None, {"preset": "nowhere"}, "preset 'nowhere' is unknown; choose one of default"),
         (None, {"direction": "up"}, "direction 'up'.*clockwise"),
         (None, {"sutures": 0}, "number of sutures is 0"),
         (None, {"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
         (ONE, {"direction": "best"}, "direction 'best' cannot be combined with a plan"),
         (ONE, {"sutures": 2}, "number of sutures is 2, but the plan has 1"),
-        (planned(grasp=PRESETS["paper-demo"].setup.grasp), {}, "cannot be driven.*--grasp-skew-deg 0"),
+        (planned(grasp=UNHELD), {}, "the plan cannot be driven.*flat jaws.*--set grasp_skew_deg=0"),
     ],
 )
 def test_nonsense_is_refused_in_a_sentence(plan, options, words, tmp_path):
     given = {"plan_file": kept(plan, tmp_path)} if plan else {}
     with pytest.raises(TrocarError, match=words):
         CircleSutures(**given, **options).goals()
+
+
+def test_a_setup_file_is_a_preset_whose_content_is_kept(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[set]\ncircle_radius_mm = 28\n")
+    task = CircleSutures(preset=str(path), sutures=3)
+    assert task.setup.circle.radius_m == pytest.approx(0.028) and len(task.goals()) == 3
+    options = json.loads(json.dumps(task.options()))
+    path.unlink()
+    assert options["preset"] is None
+    assert setup_from(options["plan_file"]["setup"]).circle.radius_m == pytest.approx(0.028)
+    assert options["plan_file"]["positions_rad"] == task.plan.positions_rad.tolist()
+    (tmp_path / "bent.toml").write_text("[set]\ngrasp_skew_deg = 50\n")
+    with pytest.raises(
+        TrocarError, match=r"preset .*bent.toml' cannot be driven: .* choose one of default, paper-demo"
+    ):
+        CircleSutures(preset=str(tmp_path / "bent.toml")).goals()
 
 
 def test_a_plan_for_another_arm_is_refused_where_the_station_has_none():

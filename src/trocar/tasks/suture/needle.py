@@ -78,3 +78,25 @@ def check_range(what: str, value: float, low: float, high: float, unit: str = "m
     if not (math.isfinite(value) and low - 1e-12 <= value <= high + 1e-12):
         scale, _ = shown_scale(unit)
         raise InvalidValue(f"the {what}", shown(value, unit, "g"), f"give {scale * low:g} to {shown(high, unit, 'g')}")
+
+
+def _by_length(length_m: float, circle: float) -> Needle:
+    """Return the needle of this length along the wire that is this share of a whole circle."""
+    return Needle(length_m / (circle * TURN), circle * TURN)
+
+
+NEEDLES = {
+    "RB-1": _by_length(0.017, 1 / 2),
+    "SH-1": _by_length(0.022, 1 / 2),
+    "SH": _by_length(0.026, 1 / 2),
+    "CT-2": _by_length(0.026, 1 / 2),
+    "CT-1": _by_length(0.036, 1 / 2),
+    "PS-2": _by_length(0.019, 3 / 8),
+    "PS-1": _by_length(0.024, 3 / 8),
+    "UR-6": _by_length(0.026, 5 / 8),
+    "UR-5": _by_length(0.036, 5 / 8),
+}
+"""Needles by Ethicon's codes: length along the wire and share of a circle as printed on packages of sutures.
+
+The thickness of the wire, which packages do not state, is the default's (assumed).
+"""

@@ -16,10 +16,20 @@ from trocar.eval import Method, Task, check_budget, option
 from trocar.geometry import SE3, shown
 from trocar.lab import Station
 from trocar.registry import Lazy
-from trocar.tasks.suture.planning import CLOCKWISE, COUNTERCLOCKWISE, PRESETS, Suture, SutureSetup, dexterity, plan_even
+from trocar.tasks.suture.planning import (
+    CLOCKWISE,
+    COUNTERCLOCKWISE,
+    PRESETS,
+    Preset,
+    Suture,
+    SutureSetup,
+    dexterity,
+    plan_even,
+)
 from trocar.tasks.suture.planning.plan import PlannedSutures, check_count, load_plan
 from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
+from trocar.tasks.suture.planning.settings import preset_of
 from trocar.tasks.suture.planning.summary import plan_out_of_reach
 from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_two_arms
 from trocar.tasks.suture.scene import NEEDLE, SutureScene
@@ -56,18 +66,23 @@ class CircleSutures(Task):
         "Who does it: one arm, for which a person loads the needle and pulls it out, or two arms and no person.",
         choices=tuple(STATIONS),
     )
-    preset: str | None = option(None, f"Setup and reward of the plan (default: {PRESET}).", choices=tuple(PRESETS))
+    preset: str | None = option(
+        None,
+        f"Setup and reward of the plan: {', '.join(PRESETS)}, or a setup file (.toml) (default: {PRESET}).",
+        metavar="NAME",
+    )
     direction: str | None = option(
         None,
         "Direction: all clockwise or counterclockwise, even beyond a limit; or best: the better for each (default).",
         choices=tuple(DIRECTIONS_BY_NAME),
     )
-    sutures: int | None = option(None, f"How many, evenly spaced (default: {SUTURES}).", metavar="N")
+    sutures: int | None = option(None, f"How many, evenly spaced (default: {SUTURES}).", flag="count", metavar="N")
     plan_file: Path | None = option(
         None,
-        "Drive this plan.json of `trocar plan suture --out DIR`, which defines everything that a preset does.",
+        "Drive this plan of `trocar plan suture --out DIR` (the folder, its plan.json or its waypoints.json), which "
+        "defines everything that a preset does.",
         flag="plan",
-        metavar="FILE",
+        metavar="PATH",
     )
     budget_s: float = option(
         600.0, "A trial that takes longer on its own clock is stopped.", flag="budget", metavar="S"
@@ -105,10 +120,8 @@ class CircleSutures(Task):
             for name, usual in (("preset", PRESET), ("direction", DIRECTION), ("sutures", SUTURES)):
                 if getattr(self, name) is None:
                     object.__setattr__(self, name, usual)
-        chosen = (("preset", self.preset, PRESETS), ("direction", self.direction, DIRECTIONS_BY_NAME))
-        for what, value, choices in chosen:
-            if value is not None and value not in choices:
-                raise UnknownName(f"the {what}", value, choices)
+        if self.direction is not None and self.direction not in DIRECTIONS_BY_NAME:
+            raise UnknownName("the direction", self.direction, DIRECTIONS_BY_NAME)
         check_count(self.sutures or 0)
         check_budget(self.budget_s)
         grasp = self.setup.grasp
@@ -116,7 +129,7 @@ class CircleSutures(Task):
             can = ", ".join(name for name, preset in PRESETS.items() if preset.setup.grasp.holdable)
             out = shown(grasp.out_of_jaws_rad, "rad", ".0f")
             problem = f"cannot be driven: its wire stands {out} out of the plane in which flat jaws meet"
-            remedy = f"choose one of {can}" if self.preset else "plan with --grasp-skew-deg 0"
+            remedy = f"choose one of {can}" if self.preset else "plan with --set grasp_skew_deg=0"
             raise InvalidInput(self._plan_in_words, problem, remedy)
 
     @property
@@ -124,8 +137,10 @@ class CircleSutures(Task):
         return f"preset {self.preset!r}" if self.preset else "the plan"
 
     def options(self) -> dict[str, Any]:
-        """Return the options; for a plan its whole content, because its file may change."""
-        return super().options() | {"plan_file": self.planned.values() if self.planned else None}
+        """Return the options; for a plan, or a preset from a file, its whole content, because the file may change."""
+        if self.planned or self.preset not in PRESETS:
+            return super().options() | {"preset": None, "plan_file": self.plan.values()}
+        return super().options()
 
     @cached_property
     def planned(self) -> PlannedSutures | None:
@@ -135,7 +150,11 @@ class CircleSutures(Task):
     @property
     def setup(self) -> SutureSetup:
         """Return the geometry: the plan's or the preset's."""
-        return self.planned.setup if self.planned else PRESETS[self.preset or PRESET].setup
+        return self.planned.setup if self.planned else self._chosen.setup
+
+    @cached_property
+    def _chosen(self) -> Preset:
+        return preset_of(self.preset or PRESET)
 
     @cached_property
     def plan(self) -> PlannedSutures:
@@ -143,7 +162,7 @@ class CircleSutures(Task):
         if self.planned:
             return self.planned
         count = self.sutures or SUTURES
-        best = plan_even(dexterity(self.setup, PRESETS[self.preset or PRESET].reward, 360 - 360 % count), count)
+        best = plan_even(dexterity(self.setup, self._chosen.reward, 360 - 360 % count), count)
         return PlannedSutures(self.setup, best.positions_rad, best.directions)
 
     @property

@@ -202,7 +202,7 @@ class PlanView:
         gui.add_markdown(
             f"Reward of the worst suture: **{self.plan.reward:.3f}**; {self.plan.certified}.\n\n"
             f"Colours: {low:.2f} to {high:.2f}. Outer ring: clockwise sutures, inner ring: counterclockwise ones, "
-            "hatched: beyond the limits"
+            "hatched: cannot be driven"
         )
         colours = mpl.colormaps[PATHS](np.linspace(0.0, 1.0, 256), bytes=True)[None, :, :3]
         gui.add_image(np.tile(colours, (16, 1, 1)), format="png")

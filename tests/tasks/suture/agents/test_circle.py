@@ -172,8 +172,11 @@ def test_a_joint_limit_stops_it_there_and_it_says_which():
 def test_it_says_how_far_a_joint_would_have_to_go_on_the_side_where_it_leaves_its_range(side, monkeypatch):
     """Each segment goes there and back, so that the joint is within its range again at the end."""
     forced = Suture(SETUP, GOALS[1].theta_rad, -GOALS[1].direction)
-    turned = np.array([1, 1, 1, 1, side, 1])  # the wrist's pitch goes the other way all along
-    there = [replace(segment, q=turned * segment.q) for segment in suture_segments(forced)]
+    planned = suture_segments(forced)
+    pitch = np.concatenate([segment.q[:, 4] for segment in planned])
+    turned = np.ones(6)
+    turned[4] = side * np.sign(pitch[np.argmax(np.abs(pitch))])  # the wrist's pitch leaves its range on this side
+    there = [replace(segment, q=turned * segment.q) for segment in planned]
     segments = tuple(replace(segment, q=np.concatenate([segment.q, segment.q[::-1]])) for segment in there)
     monkeypatch.setattr(circle, "suture_segments", lambda suture: segments)
     lab, _ = drive([forced], settings=UNSEEN)

@@ -3,11 +3,6 @@ import json
 import numpy as np
 import pytest
 
-from trocar.tasks.suture.commands.plan_setup import as_options
-from trocar.tasks.suture.commands.plan_suture import setup_of
-from trocar.tasks.suture.planning import PRESETS
-from trocar.tasks.suture.planning.setup import SEARCHED, with_parameters
-
 
 @pytest.fixture
 def trocar(trocar):
@@ -30,7 +25,7 @@ def test_the_search_is_never_worse_than_the_preset_and_says_that_it_proves_nothi
 
 
 def test_a_base_is_found_for_an_arm_that_does_not_reach_from_the_presets(trocar):
-    code, out, _ = trocar("plan setup --arm raven2-left --free port --evaluations 500 --json")
+    code, out, _ = trocar("plan setup --arm raven2-left --free port --free grasp --evaluations 1500 --json")
     found = json.loads(out)
     assert (code, found["start_feasible"], found["feasible"], found["crossing_deg"]) == (0, False, True, [])
     code, out, _ = trocar(found["command"].removeprefix("trocar ") + " --json")
@@ -39,9 +34,9 @@ def test_a_base_is_found_for_an_arm_that_does_not_reach_from_the_presets(trocar)
 
 
 def test_the_printed_command_keeps_the_gaps_that_were_asked_for(trocar):
-    line = "plan setup --free center_x_mm --evaluations 96 --min-gap-deg 80 --max-gap-deg 100 --json"
+    line = "plan setup --free center_x_mm --evaluations 96 --gap 80:100 --json"
     found = json.loads(trocar(line)[1])
-    assert "--min-gap-deg 80" in found["command"]
+    assert "--gap 80:100" in found["command"]
     assert np.diff(found["positions_deg"]).min() >= 80 and np.diff(found["positions_deg"]).max() <= 100
 
 
@@ -49,23 +44,37 @@ def test_the_printed_command_plans_in_the_setup_that_was_found(trocar, tmp_path)
     _, out, _ = trocar(f"plan setup --free circle --free grasp --evaluations 100 --seed 5 --out {tmp_path}/new --json")
     found = json.loads(out)
     assert (tmp_path / "new" / "plan.png").stat().st_size > 10_000
+    assert found["command"] == f"trocar plan suture --preset {tmp_path}/new/setup.toml --count 4"
     code, again, _ = trocar(found["command"].removeprefix("trocar ") + " --json")
     assert code == 0, "feasible there too; the reward is scaled anew, so the plan may be another"
-    assert json.loads(again)["jaws_can_hold_needle"] is True
+    again = json.loads(again)
+    assert again["jaws_can_hold_needle"] is True and again["crossing_deg"] == []
+    circle = {number["name"]: number["to"] for number in found["free"]}
+    assert 1e3 * again["setup"]["circle"]["radius_m"] == pytest.approx(circle["circle_radius_mm"], abs=1e-6)
+    _, out, _ = trocar("plan setup --free circle --free grasp --evaluations 100 --seed 5 --json")
+    words = json.loads(out)["command"]
+    assert f"--set circle_radius_mm={circle['circle_radius_mm']:.9g}" in words
+    in_words = json.loads(trocar(words.removeprefix("trocar ") + " --json")[1])
+    assert in_words["positions_deg"] == again["positions_deg"] and in_words["rewards"] == again["rewards"]
 
 
-def test_every_number_of_a_setup_is_written_as_an_option_that_reads_back():
-    preset, rng = PRESETS["default"], np.random.default_rng(3)
-    values = {name: rng.uniform(*bounds) for name, bounds in SEARCHED.items()}
-    wanted = with_parameters(preset.setup, values)
-    texts = dict(text.removeprefix("--").split(maxsplit=1) for text in as_options(wanted, preset.setup))
-    center_mm = [float(part) for part in texts.pop("center-mm").split()]
-    given = {flag.replace("-", "_"): float(text) for flag, text in texts.items()}
-    made = setup_of(preset, None, given | {"center_mm": center_mm})
-    np.testing.assert_allclose(made.T_base_circle.matrix, wanted.T_base_circle.matrix, atol=1e-7)
-    np.testing.assert_allclose(made.grasp.rotation.matrix, wanted.grasp.rotation.matrix, atol=1e-7)
-    assert made.needle.radius_m == pytest.approx(wanted.needle.radius_m)
-    assert as_options(preset.setup, preset.setup) == []
+def test_what_crosses_in_the_tissue_is_not_recommended(trocar):
+    code, out, _ = trocar("plan setup --free port --evaluations 100 --count 12 --json")
+    found = json.loads(out)
+    assert (code, found["sound"], found["command"]) == (1, False, None) and found["crossing_deg"]
+    text = " ".join(trocar("plan setup --free port --evaluations 100 --count 12")[1].split())
+    assert "no plan was found that can be recommended: sutures cross" in text and "to plan there" not in text
+
+
+def test_any_number_of_sutures_is_searched_for(trocar):
+    found = json.loads(trocar("plan setup --free center_x_mm --evaluations 96 --count 7 --json")[1])
+    assert np.diff(found["positions_deg"]) == pytest.approx([360 / 7] * 6)
+
+
+def test_settings_are_kept_while_others_are_searched(trocar):
+    line = "plan setup --free center_x_mm --evaluations 96 --set base_up_mm=110 --json"
+    found = json.loads(trocar(line)[1])
+    assert "--set base_up_mm=110" in found["command"]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from synthetic import unmarked
 @pytest.mark.slow
 def test_one_suture_is_run_reported_and_reported_again(trocar, tmp_path, request):
     """The second report, of which only what it prints is looked at, draws no pictures."""
-    line = "run suture --sutures 1 --model offset --calibration joints --flawless-camera --seed 2 --out"
+    line = "run suture --count 1 --model offset --calibration joints --flawless-camera --seed 2 --out"
     words = (*line.split(), tmp_path)
     code, out, _ = trocar(*words, "--json")
     assert out.count("\n") == 1
@@ -43,7 +43,7 @@ def planned(trocar, tmp_path):
 
 @pytest.mark.slow
 def test_any_plan_is_driven_and_kept_with_its_run(trocar, unpictured, planned, tmp_path):
-    path, run = planned("plan", "--circle-radius-mm", 28, "--count", 1), tmp_path / "run"
+    path, run = planned("plan", "--set", "circle_radius_mm=28", "--count", 1), tmp_path / "run"
     words = ("--method", "uncalibrated", "--out", run)
     code, printed, _ = trocar("run", "suture", "--plan", path, *words, "--json")
     summary, saved = json.loads(printed), json.loads(path.read_text())
@@ -59,7 +59,7 @@ def test_any_plan_is_driven_and_kept_with_its_run(trocar, unpictured, planned, t
     path.rename(tmp_path / "moved.json")
     code, _, err = trocar("run", "suture", "--plan", tmp_path / "moved.json", *words)
     assert code == 0 and "nothing to run" in " ".join(err.split())
-    other = planned("other", "--circle-radius-mm", 29, "--count", 1)
+    other = planned("other", "--set", "circle_radius_mm=29", "--count", 1)
     code, _, err = trocar("run", "suture", "--plan", other, *words)
     assert code == 2 and "holds another run (radius_m 0.028" in err and err.count("\n") == 1
     code, out, _ = trocar("report", run, "--json")

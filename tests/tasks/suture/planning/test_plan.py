@@ -11,11 +11,13 @@ from hypothesis import strategies as st
 
 from trocar.arms import ARMS
 from trocar.errors import TrocarError
+from trocar.files.output import write_json
 from trocar.geometry import SE3
-from trocar.tasks.suture.planning import PRESETS, Insertion, dexterity, plan_even
+from trocar.tasks.suture.planning import PRESETS, Insertion, dexterity, plan_even, sutures_at
+from trocar.tasks.suture.planning.parameters import SEARCHED, with_parameters
 from trocar.tasks.suture.planning.plan import load_plan, setup_from, setup_values
-from trocar.tasks.suture.planning.setup import SEARCHED, with_parameters
 from trocar.tasks.suture.planning.summary import plan_summary
+from trocar.tasks.suture.planning.waypoints import waypoints, waypoints_values
 
 PRESET = PRESETS["default"]
 FOUND = dexterity(PRESET.setup, PRESET.reward, 36)
@@ -158,3 +160,43 @@ def test_whatever_stands_in_a_setup_it_is_one_or_a_sentence_says_why_not(keys, j
         for key in keys:
             again = again[key]
         assert again == junk
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """Return where a plan's folder is, and what its waypoints hold."""
+    map = dexterity(PRESET.setup, PRESET.reward)
+    plan = plan_even(map, 2)
+    summary = plan_summary(map, plan)
+    stitches = [waypoints(suture) for suture in sutures_at(PRESET.setup, plan.positions_rad, plan.directions)]
+    values = {name: summary[name] for name in ("setup", "positions_deg", "directions")}
+    write_json(tmp_path / "plan.json", summary, "plan of sutures")
+    write_json(tmp_path / "waypoints.json", {**values, **waypoints_values(stitches)}, "waypoints of sutures")
+    return tmp_path, json.loads((tmp_path / "waypoints.json").read_text())
+
+
+def test_a_folder_its_plan_and_its_waypoints_are_the_same_plan(saved):
+    folder, _ = saved
+    of_folder, of_plan, of_waypoints = map(load_plan, (folder, folder / "plan.json", folder / "waypoints.json"))
+    assert of_folder.values() == of_plan.values() == of_waypoints.values()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda values: values["stitches"][0]["joints"][5].__setitem__(3, 0.5),
+        lambda values: values["stitches"].pop(),
+        lambda values: values["stitches"][1]["times_s"].pop(),
+        lambda values: values["stitches"][1].pop("jaw_rad"),
+        lambda values: values["stitches"][1].__setitem__("segments", "rotate"),
+        lambda values: values.__setitem__("directions", [-sign for sign in values["directions"]]),
+        lambda values: values.__setitem__("stitches", None),
+        lambda values: values["stitches"][0]["joints"][5].__setitem__(3, "a"),
+    ],
+)
+def test_waypoints_that_are_not_those_of_their_plan_are_refused(saved, change):
+    folder, values = saved
+    change(values)
+    (folder / "waypoints.json").write_text(json.dumps(values))
+    with pytest.raises(TrocarError, match="holds waypoints that are not those of its plan; an arm follows the plan"):
+        load_plan(folder / "waypoints.json")

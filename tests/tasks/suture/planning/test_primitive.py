@@ -32,7 +32,8 @@ def needle_tip(setup, advance, turn):
 
 
 def test_the_tip_enters_at_theta_along_the_entry_angle():
-    start, end = needle_tip(SETUP, [0.0, 0.010], [0.0, 0.0]).swapaxes(0, 1)
+    setup = replace(SETUP, insertion=Insertion(theta_is="entry"))
+    start, end = needle_tip(setup, [0.0, 0.010], [0.0, 0.0]).swapaxes(0, 1)
     np.testing.assert_allclose(start, [[0.03, 0, 0]] * 2, atol=1e-15)
     move = end - start
     # clockwise is minus the counterclockwise tangent (0, 1, 0) at theta = 0; 30 deg down, 1.0 cm (paper, Fig. 2)
@@ -157,8 +158,10 @@ def test_the_joints_put_the_tip_on_the_primitive(arm):
 
 def test_the_roll_neither_jumps_nor_winds_needlessly():
     for preset in PRESETS.values():
-        roll = suture_joints(preset.setup, THETAS).q[..., 3]
-        assert np.abs(np.diff(roll, axis=-1)).max() < 0.6
+        joints = suture_joints(preset.setup, THETAS)
+        roll = joints.q[..., 3]
+        # elsewhere the wrist may point along the shaft's axis backwards, where the roll turns at once
+        assert np.abs(np.diff(roll[joints.feasible], axis=-1)).max() < 0.6
         for other in (roll - 2 * np.pi, roll + 2 * np.pi):
             assert (np.abs(other).max(-1) >= np.abs(roll).max(-1) - 1e-12).all()
 

@@ -94,13 +94,15 @@ def test_driven_joints_carry_the_needle_along_its_path(theta, direction):
 
 
 @given(ANGLES, st.sampled_from(DIRECTIONS))
-def test_it_goes_in_at_theta_and_comes_out_a_bite_further_in_its_direction(theta, direction):
+def test_it_goes_in_and_comes_out_half_a_bite_before_and_after_theta_in_its_direction(theta, direction):
     suture = Suture(SETUP, theta, direction)
-    radius = SETUP.circle.radius_m
-    np.testing.assert_allclose(suture.entry_m, [radius * math.cos(theta), radius * math.sin(theta), 0.0], atol=1e-12)
     out = suture.exit_m
-    assert out is not None and abs(out[2]) < 1e-9
+    assert out is not None and abs(out[2]) < 1e-9 and abs(suture.entry_m[2]) < 1e-12
+    radius = SETUP.circle.radius_m
+    middle = [radius * math.cos(theta), radius * math.sin(theta), 0.0]
+    np.testing.assert_allclose((suture.entry_m + out) / 2, middle, atol=1e-12)
     assert np.linalg.norm(out - suture.entry_m) == pytest.approx(SETUP.bite_m)
+    assert np.dot(out - suture.entry_m, middle) == pytest.approx(0.0, abs=1e-12), "along the tangent"
     clockwise = np.cross(suture.entry_m, out - suture.entry_m)[2] < 0
     assert clockwise == (direction == 1)
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from trocar.arms import fk, frames, ik_branches, wrist_depth_m
 from trocar.errors import InvalidInput
 from trocar.tasks.suture.planning import (
     CLOCKWISE,
@@ -20,12 +21,17 @@ from trocar.tasks.suture.planning import (
     suture_joints,
     sutures_at,
 )
-from trocar.tasks.suture.planning.setup import with_parameters
+from trocar.tasks.suture.planning.parameters import with_parameters
+from trocar.tasks.suture.planning.primitive import jaws_above_m, least_gap_rad, path_samples, tip_poses, turned_to
 from trocar.tasks.suture.planning.summary import (
     REMEDY,
+    _on_nearest_branch,
     circle_out_of_reach,
     crossing_sutures,
     plan_out_of_reach,
+    plan_summary,
+    relative_excess,
+    tissue_summary,
     tissue_warnings,
     unreachable_arcs,
 )
@@ -121,6 +127,64 @@ def test_a_plan_names_its_own_sutures_where_another_direction_would_do():
     assert sentence.count("beyond its limit") == len(blocked)
 
 
+def grasped(behind, approach, lean):
+    return with_parameters(
+        DEFAULT.setup,
+        {
+            "grasp_behind_tip_rad": radians(behind),
+            "grasp_approach_rad": radians(approach),
+            "grasp_lean_rad": radians(lean),
+        },
+    )
+
+
+def test_jaws_under_the_tissue_are_refused_with_how_deep_they_would_be_and_what_to_do():
+    setup = grasped(100, -10, 30)
+    joints = dexterity(setup, positions=36).joints
+    assert not joints.feasible.any()
+    depth_mm = -1e3 * jaws_above_m(setup)
+    assert depth_mm > 1
+    assert circle_out_of_reach(joints) == (
+        f"the jaws would be {depth_mm:.2g} mm under the tissue, wherever the suture is; hold the needle farther behind "
+        "its tip, or turn the grasp"
+    )
+
+
+def lacking(setup, T_base_tip):
+    """Return what the better of all ways to reach these poses (k,) lacks, as a share; the wrist's ball may not sink."""
+    arm, T_circle_base = setup.arm, setup.T_base_circle.inverse()
+    ball_m = max(arm.instrument.shaft_radius_m, arm.instrument.wrist_radius_m)
+    q, real = ik_branches(arm, T_base_tip)
+    found = []
+    for branch in np.moveaxis(q, 1, 0)[real.all(0)]:
+        branch[:, 3] = np.unwrap(branch[:, 3])
+        pitch_m = T_circle_base.apply(frames(arm, branch)[:, 5].translation_m)[:, 2]
+        sunk = (ball_m - pitch_m).max() / arm.instrument.finger_length_m
+        shallow = (arm.safe_depth_m - wrist_depth_m(arm, branch)).max() / arm.safe_depth_m
+        for turns in range(-2, 3):
+            at = branch + np.array([0, 0, 0, 2 * np.pi * turns, 0, 0])
+            outside = np.maximum(arm.lower - at, at - arm.upper) / (arm.upper - arm.lower)
+            found.append(max(outside.max(), sunk, shallow))
+    return min(found)
+
+
+def test_the_reason_is_what_lacks_least_of_all_ways_to_hold_the_needle_and_not_of_the_first():
+    """On the arm's usual branch of the kinematics it may lack far more."""
+    setup = DEFAULT.setup
+    joints = dexterity(setup, positions=24).joints
+    samples = path_samples(setup)
+    poses = turned_to(tip_poses(setup, samples.advance_m, samples.jaws_rad), joints.thetas_rad)
+    better = 0
+    for row, position in np.argwhere(~joints.feasible):
+        nearest = _on_nearest_branch(joints, row, position)
+        T_base_tip = setup.T_base_circle @ poses[row, position]
+        np.testing.assert_allclose(fk(setup.arm, nearest.q[0, 0]).matrix, T_base_tip.matrix, atol=1e-9)
+        least = relative_excess(nearest).max()
+        assert least == pytest.approx(lacking(setup, T_base_tip), abs=1e-9)
+        better += least < relative_excess(joints)[row, position].max() - 1e-6
+    assert better > 3
+
+
 # Crossing in the tissue.
 
 
@@ -146,25 +210,71 @@ def test_path_ends_are_the_entry_and_the_point_in_the_tissue_farthest_from_it(fi
     np.testing.assert_allclose(suture.ends_m, [suture.entry_m[:2], last[:2]], atol=1e-9)
 
 
+ENTERING = changed(theta_is="entry")
+
+
 def test_sutures_that_head_for_each_other_cross_and_others_do_not():
-    assert crossing(DEFAULT.setup, [3, 63], [CCW, CW]) == [(0, 1)]
-    assert crossing(DEFAULT.setup, [3, 63], [CW, CCW]) == []
-    assert crossing(DEFAULT.setup, [0, 90, 180, 270], [CCW, CW, CCW, CW]) == []
-    assert crossing(replace(DEFAULT.setup, circle=Circle(0.040)), [3, 63], [CCW, CW]) == []
+    assert crossing(ENTERING, [3, 63], [CCW, CW]) == [(0, 1)]
+    assert crossing(ENTERING, [3, 63], [CW, CCW]) == []
+    assert crossing(ENTERING, [0, 90, 180, 270], [CCW, CW, CCW, CW]) == []
+    assert crossing(replace(ENTERING, circle=Circle(0.040)), [3, 63], [CCW, CW]) == []
+
+
+@pytest.mark.parametrize("directions", [(CW, CW), (CCW, CW), (CW, CCW), (CCW, CCW)])
+def test_bites_round_their_middles_cross_where_their_gap_is_too_small_whatever_their_directions(directions):
+    """Two tangents of length L at points of a circle that are an angle apart meet if L / 2 > R tan(angle / 2)."""
+    half_m, radius_m = DEFAULT.setup.bite_m / 2, DEFAULT.setup.circle.radius_m
+    meet_deg = np.degrees(2 * np.arctan(half_m / radius_m))
+    least_deg = np.degrees(least_gap_rad(DEFAULT.setup))
+    assert meet_deg < least_deg < meet_deg + 4.0, "the wire's thickness"
+    assert crossing(DEFAULT.setup, [0, meet_deg - 0.1], directions) == [(0, 1)]
+    assert crossing(DEFAULT.setup, [0, least_deg], directions) == []
 
 
 @pytest.mark.parametrize(("pairs", "more"), [(3, ""), (5, " and 2 more pairs")])
 def test_of_many_sutures_that_cross_three_pairs_are_named_and_how_many_more(pairs, more):
     values = {"crossing_deg": [[10 * k, 10 * k + 5] for k in range(pairs)], "needle_comes_out": True}
+    values |= {"mesh_left_mm": 3.0, "mesh_margin_mm": 1.0}
     (warning,) = tissue_warnings(values)
     assert f"from above: 0 and 5, 10 and 15, 20 and 25 deg{more}; ask" in warning
 
 
 def test_paths_nearer_than_the_wire_meet_though_they_do_not_cross():
     for degrees, meet in ((1.0, True), (3.0, False)):
-        apart_m = 2 * DEFAULT.setup.circle.radius_m * np.sin(np.radians(degrees) / 2)
-        assert bool(apart_m < DEFAULT.setup.needle.wire_m) is meet
-        assert bool(crossing(DEFAULT.setup, [0, degrees], [CW, CCW])) is meet
+        apart_m = 2 * ENTERING.circle.radius_m * np.sin(np.radians(degrees) / 2)
+        assert bool(apart_m < ENTERING.needle.wire_m) is meet
+        assert bool(crossing(ENTERING, [0, degrees], [CW, CCW])) is meet
+
+
+@pytest.mark.parametrize(("theta_is", "beyond_mm"), [("middle", 5.0), ("middle", 2.0), ("entry", 5.0)])
+def test_how_far_bites_stay_from_the_meshs_edge_is_measured_from_entry_and_exit(theta_is, beyond_mm):
+    setup = replace(changed(theta_is=theta_is), circle=Circle(0.030, mesh_beyond_m=1e-3 * beyond_mm))
+    half = setup.bite_m / (2 if theta_is == "middle" else 1)
+    left_mm = 1e3 * (0.030 + 1e-3 * beyond_mm - np.hypot(0.030, half))
+    summary = tissue_summary(setup, plan_even(dexterity(setup, positions=36)))
+    assert summary["mesh_left_mm"] == pytest.approx(left_mm, abs=1e-6)
+    warnings = [line for line in tissue_warnings(summary) if "may not hold the mesh" in line]
+    assert bool(warnings) == (left_mm < 1.0)
+    if left_mm < 0:
+        assert f"reach {-left_mm:.1f} mm over the mesh's edge" in warnings[0]
+    elif warnings:
+        assert f"come within {left_mm:.1f} mm of its edge, and 1 mm should be left" in warnings[0]
+
+
+def test_where_sutures_hold_is_told_with_gaps_that_are_even_to_half_a_degree_if_theta_is_there():
+    for setup, even in ((DEFAULT.setup, True), (ENTERING, False)):
+        map = dexterity(setup)
+        plan = plan_even(map)
+        found = plan_summary(map, plan)
+        for number, (theta, direction) in enumerate(zip(plan.positions_rad, plan.directions, strict=True)):
+            suture = Suture(setup, theta, int(direction))
+            ends = [np.degrees(np.arctan2(at[1], at[0])) % 360 for at in (suture.entry_m, suture.exit_m)]
+            assert [found["entries_deg"][number], found["exits_deg"][number]] == pytest.approx(ends)
+            x, y, _ = (suture.entry_m + suture.exit_m) / 2
+            assert found["mid_bites_deg"][number] == pytest.approx(np.degrees(np.arctan2(y, x)) % 360)
+        gaps = np.array(found["mid_bite_gaps_deg"])
+        assert gaps.sum() == pytest.approx(360)
+        assert (np.abs(gaps - 90).max() < 0.5) == even
 
 
 @given(st.floats(0, 360), st.lists(st.floats(0, 359), min_size=2, max_size=6, unique=True), st.integers(0, 63))
@@ -180,7 +290,8 @@ def test_turning_or_mirroring_the_plan_changes_no_pair(turn, degrees, bits):
 
 
 @pytest.mark.parametrize(
-    ("fields", "out"), [({}, True), ({"pushes": 1}, True), ({"pushes": 0}, False), ({"straight_m": 0.05}, False)]
+    ("fields", "out"),
+    [({}, True), ({"pushes": 1}, True), ({"pushes": 0}, False), ({"straight_m": 0.05, "theta_is": "entry"}, False)],
 )
 def test_the_needle_comes_out_if_its_tip_is_above_the_tissue_at_the_end(fields, out):
     setup = changed(**fields)

@@ -1,14 +1,17 @@
 from dataclasses import replace
+from math import radians
 
 import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
+from matplotlib.patches import Circle as Disc
+from matplotlib.patches import FancyArrowPatch, Wedge
 
 from trocar.geometry import SE3
 from trocar.report import style
-from trocar.tasks.suture.planning import PRESETS, Circle, dexterity, plan_even
+from trocar.tasks.suture.planning import PRESETS, Circle, Spacing, dexterity, plan_even, plan_gaps
 from trocar.tasks.suture.planning.study import study
 from trocar.tasks.suture.planning.summary import plan_summary
 from trocar.tasks.suture.report.circle import apart, draw_plan
@@ -96,7 +99,7 @@ def test_the_reasons_show_each_suture_at_its_angle_and_reward(figure):
 
 
 def test_twelve_sutures_without_an_exit_are_drawn_too(tmp_path):
-    setup = replace(DEFAULT.setup, insertion=replace(DEFAULT.setup.insertion, straight_m=0.05))
+    setup = replace(DEFAULT.setup, insertion=replace(DEFAULT.setup.insertion, straight_m=0.05, theta_is="entry"))
     assert np.isnan(setup.bite_m)
     found = dexterity(setup)
     assert drawn(draw_plan(found, plan_even(found, 12), tmp_path / "plan.png")).std() > 0.05
@@ -108,10 +111,63 @@ def test_reasons_and_the_papers_figures_are_written_with_both_directions(tmp_pat
     assert share(reasons, style.BLUE) > 0.001
     assert share(reasons, style.ORANGE) > 0.001
     demo = PRESETS["paper-demo"]
-    files = draw_study(study(dexterity(demo.setup, demo.reward, 180)), tmp_path / "study")
+    files = draw_study(study(dexterity(demo.setup, demo.reward, 180), demo.fitted), tmp_path / "study")
     assert len(files) == 7
     bars = drawn(tmp_path / "study" / "figure_3.png")
-    assert share(bars, style.BLUE) / share(bars, style.ORANGE) == pytest.approx(159 / 201, rel=0.1), "67 to 228 deg"
+    assert share(bars, style.BLUE) / share(bars, style.ORANGE) == pytest.approx(199 / 161, rel=0.1), "67 to 228 deg"
+
+
+def test_what_was_fitted_is_said_below_the_papers_figures(monkeypatch, tmp_path):
+    figures = {}
+
+    def keep(path, drawn, **_):
+        figures[path.stem] = drawn
+        path.touch()
+
+    monkeypatch.setattr(style, "write_figure", keep)
+    found = dexterity(PRESETS["paper-demo"].setup, PRESETS["paper-demo"].reward, 72)
+    draw_study(study(found, PRESETS["paper-demo"].fitted), tmp_path)
+    assert len(figures) == 7
+    for drawn in figures.values():
+        assert "5 numbers of the setup" in drawn.get_supxlabel()
+    draw_study(study(found), tmp_path)
+    assert {drawn.get_supxlabel() for drawn in figures.values()} == {""}
+
+
+def patches(axes, kind):
+    return [patch for patch in axes.patches if type(patch) is kind]
+
+
+def test_the_mesh_is_drawn_to_its_edge_over_the_defect_and_holds_every_arrow(figure):
+    circle = Circle(0.030, mesh_beyond_m=0.008, defect_within_m=0.010)
+    found = dexterity(replace(DEFAULT.setup, circle=circle))
+    axes = figure(draw_plan, found, plan_even(found)).axes[0]
+    disc, radii = patches(axes, Disc), [patch.radius for patch in patches(axes, Disc)]
+    assert {38.0, 30.0, 20.0} <= {round(radius, 6) for radius in radii}
+    rings = [patch for patch in disc if patch.radius > 38.1]
+    assert len(rings) == 4, "both rings lie outside of the mesh"
+    for arrow in patches(axes, FancyArrowPatch):
+        assert all(np.hypot(*end) < 38.0 for end in arrow._posA_posB)
+
+
+def test_forbidden_arcs_and_fixed_positions_are_drawn(figure):
+    found = dexterity(DEFAULT.setup)
+    spacing = Spacing(radians(50), radians(100), ((radians(340), radians(20)),), (radians(90),))
+    drawn = figure(draw_plan, found, plan_gaps(found, 5, spacing))
+    axes = drawn.axes[0]
+    arcs = [patch for patch in patches(axes, Wedge) if patch.get_facecolor()[:3] == to_rgb(style.VERMILION)]
+    assert [(arc.theta1, arc.theta2) for arc in arcs] == [pytest.approx((340, 380))]
+    fixed = [np.ravel(line.get_data()) for line in axes.lines if isinstance(line.get_marker(), tuple)]
+    assert [np.degrees(np.arctan2(y, x)) for x, y in fixed] == pytest.approx([90])
+    named = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert named == ["cannot be driven", "forbidden", "fixed position"]
+
+
+def test_a_long_line_below_the_title_is_broken_not_cut(figure):
+    found = dexterity(DEFAULT.setup)
+    plan = replace(plan_even(found), certified="a long sentence " * 20)
+    (line,) = [text for text in figure(draw_plan, found, plan).texts if "a long sentence" in text.get_text()]
+    assert max(map(len, line.get_text().splitlines())) < 120
 
 
 def test_the_room_of_the_joints_is_that_of_the_chosen_direction():

@@ -18,13 +18,23 @@ from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.needle_tracker import Aim, NeedleTracker, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
-from trocar.tasks.suture.planning.segments import Segment, cut_short, ranges, retreat, suture_segments
+from trocar.tasks.suture.planning.segments import (
+    DRIVING_M_S,
+    JAW_CLOSED_RAD,
+    JAW_OPEN_RAD,
+    TRAVEL_M_S,
+    TRAVELS,
+    Segment,
+    cut_short,
+    minimum_jerk,
+    ranges,
+    retreat,
+    suture_segments,
+)
 from trocar.trajectory import Trajectory
 
 KNOT_S = 0.020
 """Spacing of a motion's knots: two control periods."""
-TRAVELS = ("lower", "withdraw", "rise")
-"""Segments away from tissue and needle, done at travel speed."""
 JOINED = 1e-3
 """A segment that starts within this distance (rad, m) of the arm's position continues from there."""
 RUN_UP_M = 1.0e-3
@@ -75,13 +85,13 @@ class Settings:
     planning_budget_s: float = 0.05
     two_arms_budget_s: float = 2.0
     settle_s: float = 0.1
-    driving_speed_m_s: float = 0.004
+    driving_speed_m_s: float = DRIVING_M_S
     entry_speed_m_s: float = 0.004
     exit_speed_m_s: float = 0.002
-    travel_speed_m_s: float = 0.020
+    travel_speed_m_s: float = TRAVEL_M_S
     pulling_speed_m_s: float = 0.010
-    jaw_open_rad: float = 0.40
-    jaw_closed_rad: float = -0.17
+    jaw_open_rad: float = JAW_OPEN_RAD
+    jaw_closed_rad: float = JAW_CLOSED_RAD
     jaw_empty_rad: float = 0.04
     limits: MotionLimits = field(default_factory=_gentle)
     loadings: int = 3
@@ -140,7 +150,7 @@ class CircleSuturing:
             start_s = self.clock.now_s()
             outcome, reason, stops = await self._suture(number, suture)
             if not stops:
-                await self.hand.go(self.home)
+                await self.go_home()
             self.log.event(
                 "suture",
                 suture=number,
@@ -153,6 +163,10 @@ class CircleSuturing:
             if stops:
                 self.log.event("stopped", outcome=outcome.name, reason=reason)
                 return
+
+    async def go_home(self) -> None:
+        """Go to where the arm is in nobody's way."""
+        await self.hand.go(self.home)
 
     async def _suture(self, number: int, suture: Suture) -> End:
         """Load, drive, let go; return how it ended.
@@ -382,7 +396,7 @@ def along(q: NDArray[np.float64], seconds: float) -> Trajectory:
     count = max(2, math.ceil(seconds / KNOT_S))
     times = np.linspace(0.0, max(seconds, count * 1e-3), count + 1)
     tau = times / times[-1]
-    share = tau**3 * (10 - 15 * tau + 6 * tau**2)
+    share = minimum_jerk(tau)
     rate = 30 * tau**2 * (1 - tau) ** 2 / times[-1]
     path = CubicSpline(np.linspace(0.0, 1.0, len(q)), q)
     return Trajectory.hermite(times, path(share), rate[:, None] * path(share, 1))

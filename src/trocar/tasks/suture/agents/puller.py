@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.cell import Cell
-from trocar.errors import MotionRefused
+from trocar.errors import MotionRefused, TooNear
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.circle import JOINED, Settings, along
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
@@ -18,6 +18,8 @@ from trocar.tasks.suture.planning.pull import Grip, Pull, grip_segments, out_seg
 from trocar.tasks.suture.planning.segments import Segment
 from trocar.trajectory import Trajectory
 
+TRIES, WAIT_S = 20, 0.25
+"""How often, and how long after one another, an arm tries to move while the other is in its way."""
 GRASPS = 3
 """How often the jaws are closed on the needle, until they hold it."""
 
@@ -154,20 +156,29 @@ class Puller:
         return self.holds
 
     async def follow(self, segment: Segment, speed_m_s: float) -> bool:
-        """Move along a segment, after going to its start; return whether it was possible."""
-        outside = segment.first_outside(self.hand.model)
-        try:
-            if outside is not None:
-                raise MotionRefused(f"{segment.name}: joint {outside[1] + 1} would leave its range", arm=self.hand.name)
-            if np.abs(segment.q[0] - self.hand.q).max() > JOINED:
-                await self.hand.go(segment.q[0])
-            await self.hand.move(along(joined(self.hand.q, segment.q), segment.length_m / speed_m_s))
-        except MotionRefused as error:
-            self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
+        """Move along a segment, after going to its start; return whether it was possible.
+
+        While the other arm is in the way, wait until it has left.
+        """
+        if (outside := segment.first_outside(self.hand.model)) is not None:
+            self.cell.log.event("refused", arm=self.hand.name, reason=f"{segment.name} leaves a range at {outside}")
             return False
-        if self.tracker:
-            self.tracker.estimator.moved(segment.length_m)
-        return True
+        for _ in range(TRIES):
+            try:
+                if np.abs(segment.q[0] - self.hand.q).max() > JOINED:
+                    await self.hand.go(segment.q[0])
+                await self.hand.move(along(joined(self.hand.q, segment.q), segment.length_m / speed_m_s))
+            except TooNear:
+                await self.cell.clock.sleep(WAIT_S)
+                continue
+            except MotionRefused as error:
+                self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
+                return False
+            if self.tracker:
+                self.tracker.estimator.moved(segment.length_m)
+            return True
+        self.cell.log.event("refused", arm=self.hand.name, reason=f"{segment.name}: the other arm is in the way")
+        return False
 
 
 def joined(q: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,14 +13,14 @@ import numpy as np
 import trio
 
 from trocar.cell import Cell
-from trocar.errors import InvalidInput, MotionRefused
+from trocar.errors import InvalidInput, TooNear
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.circle import CircleSuturing, End, missed
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, Stretch
-from trocar.tasks.suture.agents.puller import GRASPS, Puller
+from trocar.tasks.suture.agents.puller import GRASPS, TRIES, WAIT_S, Puller
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
 from trocar.tasks.suture.planning.primitive import driven_steps
@@ -28,8 +28,6 @@ from trocar.tasks.suture.planning.segments import Segment
 from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_two_arms
 from trocar.tasks.suture.stand import T_stand_needle
 
-TRIES, WAIT_S = 20, 0.25
-"""How often, and how long after one another, an arm tries to leave while the other is in its way."""
 IN_STAND = np.diag(np.repeat([0.5e-3, 0.06], 3) ** 2)
 """How accurately a person sets up the needle: covariance of a twist in its frame, m and rad."""
 
@@ -90,13 +88,13 @@ class TwoArmSuturing(CircleSuturing):
         await self.puller.come_near(self._planned.pulls[number])
         self._near.set()
 
-    async def _first_leaves(self) -> None:
+    async def go_home(self) -> None:
         """Go home, as soon as the second arm leaves room."""
         for _ in range(TRIES):
             try:
                 await self.hand.go(self.home)
                 return
-            except MotionRefused:
+            except TooNear:
                 await self.clock.sleep(WAIT_S)
 
     def _beside(self, action: Callable[..., Awaitable[Any]], *args: Any) -> None:
@@ -130,7 +128,7 @@ class TwoArmSuturing(CircleSuturing):
             return missed(number, "the second arm's jaws closed on nothing where the needle's tip should have been")
         await self.open()
         await self.leave(number, withdraw, rise)
-        self._beside(self._first_leaves)
+        self._beside(self.go_home)
         self.log.event("step", suture=number, step="pull through")
         if not await second.pull(pull):
             return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
@@ -180,7 +178,7 @@ class TwoArmSuturing(CircleSuturing):
                 await second.let_go(handover)
                 self._beside(second.go_home)
                 return None
-            await self._first_leaves()
+            await self.go_home()
         return End(SutureOutcome.HANDOVER_REFUSED, f"suture {number + 1}: at the handover, {reason}")
 
     async def _take(self, take: Segment, T_base_needle: SE3) -> str:

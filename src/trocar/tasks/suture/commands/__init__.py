@@ -17,3 +17,8 @@ STUDY_SUTURE = Known(
     f"{__name__}.study_suture:suture",
     "trocar study suture --out out/study",
 )
+STUDY_SETUPS = Known(
+    "Draw which circles arms can sew with needles of the catalogue, as maps over the place of the base.",
+    f"{__name__}.study_setups:setups",
+    "trocar study suture-setup --arm psm-classic --needle SH --out out/setups",
+)

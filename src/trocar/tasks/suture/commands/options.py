@@ -6,21 +6,25 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
 from trocar.arms import ARMS
-from trocar.errors import InvalidValue, UnknownName
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import TURN
 from trocar.tasks.suture.demonstrations import Demonstrations, load_demonstrations, synthetic_demonstrations
-from trocar.tasks.suture.planning import PRESETS, Spacing, plan_even, plan_gaps
-from trocar.tasks.suture.planning.plan import Planner
+from trocar.tasks.suture.planning import PRESETS, Preset, Spacing, SutureSetup, plan_even, plan_gaps
+from trocar.tasks.suture.planning.plan import Planner, check_count
+from trocar.tasks.suture.planning.primitive import least_gap_rad
+from trocar.tasks.suture.planning.settings import SETTINGS, preset_of, setting_of, with_settings
 
-T = TypeVar("T")
-
-REWARD, SPACING, GIVEN = "Reward", "Positions of the sutures", "Arm, circle, needle (default: the preset's)"
+POSITIONS = 360
+SEARCHES = ("even", "gaps")
+GAP_SHARES = (2 / 3, 4 / 3)
+"""Usual bounds of the gaps, as shares of an even gap: no part of the circle is left much weaker than another."""
+REWARD, SPACING, SETUP = "Reward", "Positions of the sutures", "Setup (default: the preset's)"
 
 
 def option(group: str, help: str, metavar: str | None = None, name: str | None = None) -> Any:
@@ -28,22 +32,50 @@ def option(group: str, help: str, metavar: str | None = None, name: str | None =
     return typer.Option(*([name] if name else []), help=help, metavar=metavar, rich_help_panel=group)
 
 
-PresetName = Annotated[str, typer.Option("--preset", help=f"Initial setup and reward: {', '.join(PRESETS)}.")]
+PresetName = Annotated[
+    str,
+    typer.Option("--preset", help=f"Setup and reward: {', '.join(PRESETS)}, or a setup file (.toml).", metavar="NAME"),
+]
+Count = Annotated[int, typer.Option(help="Number of sutures.")]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Save results and pictures here.")]
-ArmName = Annotated[str | None, option(GIVEN, f"Arm that sutures: {', '.join(ARMS)}.", name="--arm")]
-MinGap = Annotated[float | None, option(SPACING, "Smallest gap of neighbours; default: even.", "DEG", "--min-gap-deg")]
-MaxGap = Annotated[float | None, option(SPACING, "Largest gap of neighbours; default: even.", "DEG", "--max-gap-deg")]
+Settings = Annotated[
+    list[str] | None,
+    option(
+        SETUP,
+        f"Change a number or a word of the setup; repeatable. Names: {', '.join(SETTINGS)}.",
+        "NAME=VALUE",
+        "--set",
+    ),
+]
+ArmName = Annotated[str | None, option(SETUP, f"Arm that sutures: {', '.join(ARMS)}.", name="--arm")]
+Search = Annotated[
+    str | None,
+    option(SPACING, "even: all gaps equal; gaps: bounded by --gap. Default: even, or gaps if --gap is given.", "WORD"),
+]
+Gap = Annotated[
+    str | None,
+    option(
+        SPACING,
+        "Bounds of the gaps of neighbours in deg; one may be left out. Default: 2/3 to 4/3 of an even gap, where no "
+        "bites cross.",
+        "LOW:HIGH",
+    ),
+]
 DemonstrationsPath = Annotated[
     str | None,
     option(REWARD, "Recorded sutures for the manipulability (a manifest or its folder), or `synthetic`.", "PATH"),
 ]
 
 
-def pick(table: Mapping[str, T], name: str, what: str) -> T:
-    """Return the entry of this name, or raise UnknownName."""
-    if name not in table:
-        raise UnknownName(f"the {what}", name, table)
-    return table[name]
+def chosen_preset(name: str, settings: Sequence[str] | None, arm: str | None = None) -> Preset:
+    """Return the preset of this name or file, with the settings ``NAME=VALUE`` and the arm that were given."""
+    return with_settings(preset_of(name), dict(setting_of(text) for text in settings or ()), arm)
+
+
+def grid_of(count: int, at_least: int = POSITIONS) -> int:
+    """Return the usual number of positions round the circle: even plans of so many sutures divide it."""
+    check_count(count)
+    return count * -(-at_least // count)
 
 
 def recorded(demonstrations: str | None) -> Demonstrations | None:
@@ -53,32 +85,43 @@ def recorded(demonstrations: str | None) -> Demonstrations | None:
     return synthetic_demonstrations() if demonstrations == "synthetic" else load_demonstrations(demonstrations)
 
 
-def in_si(name: str, value: float) -> float:
-    """Return the value of a parameter in m or rad, given in mm or deg."""
-    return math.radians(value) if name.endswith("_rad") else value / 1e3
-
-
 def spacing_of(
     count: int,
-    positions: int,
-    min_gap_deg: float | None,
-    max_gap_deg: float | None,
-    forbid_deg: Sequence[str] = (),
+    search: str | None,
+    gap: str | None,
+    forbid: Sequence[str] = (),
     fix_deg: Sequence[float] = (),
+    *,
+    setup: SutureSetup,
 ) -> Spacing | None:
-    """Return the constraints on the positions; None for the paper's even spacing.
+    """Return the constraints on the positions; None for the paper's even spacing without any others.
 
-    A bound that is not given is free (one step of the grid, a whole turn) if the other is given; else all gaps are
-    equal.
+    A bound of the gaps that is not given has its usual value, at which the sutures of this setup do not cross if they
+    can be placed so at all.
     """
-    if min_gap_deg is None and max_gap_deg is None and not (forbid_deg or fix_deg):
+    kind = search or ("gaps" if gap else "even")
+    if kind not in SEARCHES:
+        raise UnknownName("the search", kind, SEARCHES)
+    if kind == "even" and gap:
+        raise InvalidInput(f"gaps of {gap} deg", "are no even ones", "drop --gap, or give --search gaps")
+    if kind == "even" and not (forbid or fix_deg):
         return None
-    free = min_gap_deg is not None or max_gap_deg is not None
-    low, high = (TURN / positions, TURN) if free else (TURN / max(count, 1),) * 2
-    min_gap = low if min_gap_deg is None else math.radians(min_gap_deg)
-    max_gap = high if max_gap_deg is None else math.radians(max_gap_deg)
+    even_rad = TURN / max(count, 1)
+    low, high = (even_rad, even_rad) if kind == "even" else _bounds(gap or ":", even_rad, least_gap_rad(setup))
     fixed = tuple(math.radians(angle) for angle in fix_deg)
-    return Spacing(min_gap, max_gap, tuple(_arc(text) for text in forbid_deg), fixed)
+    return Spacing(low, high, tuple(_arc(text) for text in forbid), fixed)
+
+
+def _bounds(text: str, even_rad: float, apart_rad: float) -> tuple[float, float]:
+    """Return the bounds of the gaps in rad from ``LOW:HIGH`` in degrees; what is left out has its usual value."""
+    usual = (min(max(GAP_SHARES[0] * even_rad, apart_rad), even_rad), min(GAP_SHARES[1] * even_rad, TURN))
+    parts = text.split(":")
+    try:
+        low, high = (math.radians(float(part)) if part else at for part, at in zip(parts, usual, strict=True))
+    except ValueError:
+        remedy = "give the smallest and the largest in deg as LOW:HIGH, such as 60:120 or 60:"
+        raise InvalidValue("the gap", repr(text), remedy) from None
+    return low, high
 
 
 def _arc(text: str) -> tuple[float, float]:
@@ -115,6 +158,13 @@ def points_table(points: Mapping[str, Mapping[str, float]], paper: Mapping[str, 
     ]
     columns = ("location", "directions", "ours", "paper", "difference")
     return table("Table I: points, the best plan 100", columns, rows, text=2)
+
+
+def fitted_line(fitted: Sequence[str]) -> list[str]:
+    """Return a line that says what was fitted to the paper's figures, if anything was."""
+    from trocar.tasks.suture.planning.study import fitted_note
+
+    return [f"fitted: {fitted_note(fitted)}"] if fitted else []
 
 
 def files_line(summary: Mapping[str, Any]) -> list[str]:

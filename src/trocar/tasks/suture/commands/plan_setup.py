@@ -8,21 +8,23 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from trocar.arms import ARMS
 from trocar.cli.group import Result
 from trocar.cli.options import Seed
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.progress import progress
 from trocar.counting import counted
 from trocar.errors import InvalidValue, UnknownName
-from trocar.files.output import PICTURE, write_json
+from trocar.files.output import PICTURE, write_json, write_text
 from trocar.tasks.suture.commands import options
-from trocar.tasks.suture.planning import PRESETS, SutureSetup, dexterity
-from trocar.tasks.suture.planning.setup import SEARCHED, parameters_of, shown_parameter
+from trocar.tasks.suture.planning import dexterity
+from trocar.tasks.suture.planning.parameters import SAID, SEARCHED, parameters_of, shown_parameter
+from trocar.tasks.suture.planning.settings import settings_between, setup_file
 
-POSITIONS = 360
+COARSE, FINER = 72, 5
+"""Least size of the grid during the search, and how many times finer that of the plans that are printed is."""
 KIND = "setup for sutures"
-FILES = {"setup.json": KIND, "plan.png": PICTURE}
+SETUP_FILE = "setup.toml"
+FILES = {"setup.json": KIND, SETUP_FILE: KIND, "plan.png": PICTURE}
 """The files that are written, with their kinds."""
 
 
@@ -43,45 +45,54 @@ def setup(
     ] = None,
     evaluations: Annotated[int, typer.Option(help="Approximate number of setups to evaluate.")] = 2000,
     seed: Seed = 0,
+    settings: options.Settings = None,
     arm: options.ArmName = None,
-    count: Annotated[int, typer.Option(help="Number of sutures.")] = 4,
-    min_gap_deg: options.MinGap = None,
-    max_gap_deg: options.MaxGap = None,
+    count: options.Count = 4,
+    search: options.Search = None,
+    gap: options.Gap = None,
     out: options.Out = None,
 ) -> Result:
     """Search for the circle, port and grasp whose best plan of sutures scores highest.
 
     For each setup the plan is the best on its grid; over setups the search is heuristic. Rewards are scaled as for the
-    preset. Exit code 1: no feasible plan was found.
+    preset. Exit code 1: no plan was found that is feasible and sound in the tissue.
     """
     from trocar.tasks.suture.planning.setup_search import CERTIFIED, GROUPS, search_setup
     from trocar.tasks.suture.planning.summary import finite, tissue_summary
 
-    chosen = options.pick(PRESETS, preset, "preset")
+    chosen = options.chosen_preset(preset, settings)
+    start = options.chosen_preset(preset, settings, arm)
     check_out_folder(out, FILES)
     names = [name for entry in free or GROUPS for name in GROUPS.get(entry) or (_si_name(entry, (*GROUPS,)),)]
-    planner = options.planner_of(count, options.spacing_of(count, POSITIONS, min_gap_deg, max_gap_deg))
+    positions = FINER * options.grid_of(count, COARSE)
+    planner = options.planner_of(count, options.spacing_of(count, search, gap, setup=start.setup))
     with progress() as tick:
         found = search_setup(
-            dexterity(chosen.setup, chosen.reward, POSITIONS),
+            dexterity(chosen.setup, chosen.reward, positions),
             list(dict.fromkeys(names)),
             rng=np.random.default_rng(seed),
-            setup=chosen.setup if arm is None else replace(chosen.setup, arm=options.pick(ARMS, arm, "arm")),
+            setup=start.setup,
             bounds=dict(_bound(text) for text in bound or ()),
             planner=planner,
             evaluations=evaluations,
             progress=lambda done, total: tick("setups", done, total),
         )
-    asked = {"--arm": arm, "--min-gap-deg": min_gap_deg, "--max-gap-deg": max_gap_deg}
+    best = replace(start, setup=found.best.setup)
+    asked = {"--arm": arm, "--search": search, "--gap": gap}
+    changes = settings_between(options.chosen_preset(preset, None).setup, best.setup)
     words = [f"--preset {preset}", f"--count {count}", *(f"{flag} {x}" for flag, x in asked.items() if x is not None)]
-    was = parameters_of(chosen.setup)
+    words += [f"--set {name}={value}" for name, value in changes.items()]
+    if out is not None:
+        words[0], words[-len(changes) :] = f"--preset {out / SETUP_FILE}", []
+    was = parameters_of(start.setup)
     summary: dict[str, Any] = {
         "preset": preset,
         "start_reward": found.start.reward,
         "start_feasible": found.start.feasible,
         "reward": found.plan.reward,
         "feasible": found.plan.feasible,
-        "holdable": found.best.setup.grasp.holdable,
+        "sound": found.sound,
+        "holdable": best.setup.grasp.holdable,
         "evaluations": found.evaluations,
         "certified": CERTIFIED,
         "free": [
@@ -90,36 +101,24 @@ def setup(
         ],
         "positions_deg": np.degrees(found.plan.positions_rad).round(9).tolist(),
         "directions": found.plan.directions.tolist(),
-        **tissue_summary(found.best.setup, found.plan),
+        **tissue_summary(best.setup, found.plan),
         "manipulability_source": found.best.source,
-        "command": " ".join(["trocar plan suture", *words, *as_options(found.best.setup, chosen.setup)]),
+        "command": " ".join(["trocar plan suture", *words]) if found.sound else None,
     }
     summary = finite(summary)
     if out is not None:
         from trocar.tasks.suture.report.circle import draw_plan
 
-        summary["files"] = [str(out / "setup.json"), str(draw_plan(found.best, found.plan, out / "plan.png"))]
+        files = [out / "setup.json", out / SETUP_FILE, draw_plan(found.best, found.plan, out / "plan.png")]
+        summary["files"] = [str(file) for file in files]
+        write_text(out / SETUP_FILE, setup_file(best), KIND)
         write_json(out / "setup.json", summary, KIND)
-    return Result(summary, _lines(summary), succeeded=found.plan.feasible)
-
-
-def as_options(setup: SutureSetup, preset: SutureSetup) -> list[str]:
-    """Return the options of ``plan suture`` that turn a preset's setup into this one, apart from arm and insertion."""
-    was, now = parameters_of(preset), parameters_of(setup)
-    texts = []
-    for name, value in now.items():
-        scale, said = shown_parameter(name)
-        if scale * abs(value - was[name]) > 1e-9:
-            texts.append(f"--{said.replace('_', '-')} {scale * value:.9g}")
-    was_mm, now_mm = (1e3 * one.circle.T_world_circle.translation_m for one in (preset, setup))
-    if np.abs(now_mm - was_mm).max() > 1e-9:
-        texts.append("--center-mm " + " ".join(f"{value:.9g}" for value in now_mm))
-    return texts
+    return Result(summary, _lines(summary), succeeded=found.sound)
 
 
 def _si_name(name: str, groups: tuple[str, ...] = ()) -> str:
     """Return the parameter in m or rad that a name in mm or deg stands for."""
-    si_names = {shown_parameter(known)[1]: known for known in SEARCHED}
+    si_names = {said: known for said, known in SAID.items() if known in SEARCHED}
     if name not in si_names:
         raise UnknownName("the parameter of a setup", name, (*groups, *si_names))
     return si_names[name]
@@ -134,7 +133,8 @@ def _bound(text: str) -> tuple[str, tuple[float, float]]:
         remedy = "give NAME=LOW:HIGH, such as circle_radius_mm=25:35"
         raise InvalidValue("the bound", repr(text), remedy) from None
     si_name = _si_name(name)
-    return si_name, (options.in_si(si_name, low), options.in_si(si_name, high))
+    scale = shown_parameter(si_name)[0]
+    return si_name, (low / scale, high / scale)
 
 
 def _in_mm_and_deg(name: str, values: dict[str, float]) -> dict[str, Any]:
@@ -157,6 +157,10 @@ def _lines(summary: dict[str, Any]) -> list[Any]:
         f"{summary['certified']}; {counted(summary['evaluations'], 'setup')} evaluated",
         f"manipulability: {summary['manipulability_source']}",
         *tissue_warnings(summary),
-        f"to plan there (with its own scale): {summary['command']}",
+        f"to plan there (with its own scale): {summary['command']}"
+        if summary["sound"]
+        else "no plan was found that can be recommended: "
+        + ("sutures cross, or do not hold the mesh" if summary["feasible"] else "none is feasible")
+        + "; free more parameters, widen their bounds or plan fewer sutures",
         *options.files_line(summary),
     ]

@@ -12,7 +12,7 @@ from trocar.cli.group import Result
 from trocar.cli.out_folder import check_out_folder
 from trocar.files.output import PICTURE, write_json
 from trocar.tasks.suture.commands import options
-from trocar.tasks.suture.planning import PRESETS, dexterity
+from trocar.tasks.suture.planning import dexterity
 
 KIND = "study of sutures"
 DRAWN = ("figures", "table_1", *(f"figure_{number}" for number in range(3, 8)))
@@ -35,9 +35,10 @@ def suture(
     from trocar.tasks.suture.planning.study import study
     from trocar.tasks.suture.planning.summary import finite
 
-    chosen = options.pick(PRESETS, preset, "preset")
+    chosen = options.chosen_preset(preset, None)
     check_out_folder(out, FILES)
-    found = study(dexterity(chosen.setup, chosen.reward, positions, options.recorded(demonstrations)))
+    all_round = dexterity(chosen.setup, chosen.reward, positions, options.recorded(demonstrations))
+    found = study(all_round, chosen.fitted)
     summary: dict[str, Any] = finite({"study": "suture", "preset": preset, **found.summary()})
     if out is not None:
         from trocar.tasks.suture.report.panels import draw_study
@@ -56,6 +57,7 @@ def _tables(summary: dict[str, Any]) -> list[Any]:
     row = ("theta", *(f"{angle:.4g}" for angle in sweep["best_theta_deg"]))
     title = "Fig. 7: theta of the first suture, deg, of the best plan at each lambda"
     return [
+        *options.fitted_line(summary["fitted"]),
         options.points_table(found["points"], found["paper_points"]),
         _gains_table(found["gains"], found["paper_gains"]),
         f"the better direction changes at {switches} deg (paper {paper})",
@@ -85,10 +87,11 @@ def _swept(summary: dict[str, Any]) -> str:
     """Return in words how the best plan moves with lambda, and whether that reproduces the paper."""
     sweep = summary["lambda_sweep"]
     angles, (start, end) = sweep["best_theta_deg"], sweep["paper_best_theta_deg"]
+    found, range_deg = sweep["like_paper_weights"], f"{min(start, end):.4g} to {max(start, end):.4g}"
+    where = "" if found is None else f" from lambda {found[0]:g} to {found[1]:g}"
     return (
         f"with lambda the best plan turns by {sweep['travel_deg']:+.4g} deg, from {angles[0]:.4g} to {angles[-1]:.4g} "
-        f"(plans 90 deg apart are the same), the paper's by {end - start:+.4g}, from {start:.4g} to {end:.4g}, at "
-        f"values of lambda that it does not give: {'reproduced' if sweep['reproduces_paper'] else 'not reproduced'}; "
-        f"at lambda {summary['weight']:g} the best plan starts at {summary['best_theta_deg']:.4g} deg (paper "
-        f"{min(start, end):.4g} to {max(start, end):.4g})"
+        f"(plans 90 deg apart are the same); the paper's turns from {start:.4g} to {end:.4g}, at values of lambda that "
+        f"it does not give: {'not ' if found is None else ''}reproduced{where}; at lambda {summary['weight']:g} the "
+        f"best plan starts at {summary['best_theta_deg']:.4g} deg (paper {range_deg})"
     )

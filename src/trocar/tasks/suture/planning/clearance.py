@@ -9,7 +9,7 @@ from trocar.arms import ArmModel
 from trocar.geometry import SE3
 
 FINGER, CLOSING = np.array([0.0, 0.0, -1.0]), np.array([-1.0, 0.0, 0.0])
-"""In the frame of an arm's tip: along the jaws, and out of the plane in which they meet (``tests`` check all arms)."""
+"""In the frame of an arm's tip: along the jaws, and out of the plane in which they meet."""
 
 
 def fingers_above_m(arm: ArmModel, T_circle_tip: SE3) -> NDArray[np.float64]:
@@ -28,8 +28,8 @@ def fingers_above_m(arm: ArmModel, T_circle_tip: SE3) -> NDArray[np.float64]:
 def above_tissue_m(arm: ArmModel, T_circle_tip: SE3, wrist_yaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the least height (2, n) of the instrument above the tissue's plane along sutures; NaN counts as high.
 
-    The wrist and the lower end of the shaft are balls at the wrist's pitch axis. Further up, the shaft rises to the
-    port.
+    The wrist and the lower end of the shaft are a ball at the wrist's pitch axis, the boss of the jaws is one at their
+    axis. Further up, the shaft rises to the port.
 
     Args:
         arm: whose instrument.
@@ -42,4 +42,5 @@ def above_tissue_m(arm: ArmModel, T_circle_tip: SE3, wrist_yaw_rad: NDArray[np.f
     yaw_axis = T_circle_tip.matrix[..., 2, 3][:, None] - arm.tip_length_m * along
     pitch_axis = yaw_axis - arm.wrist_length_m * (np.cos(turned) * along + np.sin(turned) * aside)
     wrist = np.fmin.reduce(pitch_axis, axis=-1) - max(shape.shaft_radius_m, shape.wrist_radius_m)
-    return np.fmin(fingers_above_m(arm, T_circle_tip).min(-1)[:, None], wrist)
+    jaws = np.minimum(fingers_above_m(arm, T_circle_tip), yaw_axis[:, 0] - shape.knuckle_radius_m).min(-1)
+    return np.fmin(jaws[:, None], wrist)

@@ -8,7 +8,7 @@ begins at the best plan of the grid.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +22,8 @@ from trocar.tasks.suture.planning.setup import DIRECTIONS
 
 ON_GRID = 1e-9
 """A fixed position, or the bound of a gap, may miss the grid by this share of a step: rounding."""
+FINER, MOST_POSITIONS = 5, 2000
+"""The search at any angles begins on a grid so many times finer, of at most so many positions."""
 FINEST_RAD = 1e-6
 """The search at any angles ends when a step is shorter than this."""
 LONGEST_RUN = 12
@@ -44,7 +46,7 @@ def plan_even(map: DexterityMap, count: int = 4) -> SuturePlan:
         >>> from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
         >>> plan = plan_even(dexterity(PRESETS["default"].setup), count=4)
         >>> plan.positions_rad.shape, round(plan.reward, 3), plan.feasible
-        ((4,), 0.605, True)
+        ((4,), 0.619, True)
     """
     check_count(count)
     positions = len(map.thetas_rad)
@@ -152,7 +154,8 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
     returned. Positions on the ends of forbidden arcs are allowed; fixed positions must lie on the grid.
 
     Raises:
-        InvalidInput: no plan can meet the spacing; names the numbers that prevent it.
+        InvalidInput: no plan can meet the spacing; names the numbers that prevent it. Or positions are those of the
+            entries, half a bite from where the sutures hold, so that bounds on them would bound nothing else.
 
     Example:
         >>> from math import radians
@@ -162,6 +165,12 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
         (0.656, True)
     """
     spacing.check(count)
+    if map.setup.insertion.theta_is == "entry":
+        raise InvalidInput(
+            "the positions of this setup",
+            "are where needles enter, half a bite away from where the sutures hold",
+            "for gaps, forbidden arcs and fixed positions let theta_is be middle",
+        )
     walks = walks_on_grid(len(map.thetas_rad), count, spacing)
     every = ranks(map)
     choice, rank = np.argmax(every, axis=0), every.max(0)
@@ -169,7 +178,7 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
     where = walks.best(rank, np.take_along_axis(map.values, choice[None], 0)[0])
     if where is None:
         raise _no_way(count, spacing, len(rank))
-    return plan_on_grid(map, where, choice[where])
+    return replace(plan_on_grid(map, where, choice[where]), spacing=spacing)
 
 
 def walks_on_grid(positions: int, count: int, spacing: Spacing) -> Walks:
@@ -240,11 +249,13 @@ def plan_on_grid(map: DexterityMap, where: NDArray[np.intp], choice: NDArray[np.
 def refined(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan:
     """Return a plan at any angles that is at least as good as a plan on the map's grid that meets the spacing.
 
-    A pattern search: a run of neighbouring sutures moves by a step, either way; the best such move is made or, if none
-    is better, the step halved. Neighbours move together because gaps at their bounds couple them. As on the grid, the
-    worst suture counts; among infeasible plans, if the reward puts feasibility first, the worst infeasible one.
+    It begins at the better of that plan and the best on a finer grid, since the dexterity has more than one hill. A
+    pattern search follows: a run of neighbouring sutures moves by a step, either way; the best such move is made or, if
+    none is better, the step halved. Neighbours move together because gaps at their bounds couple them. As on the grid,
+    the worst suture counts; among infeasible plans, if the reward puts feasibility first, the worst infeasible one.
     """
-    thetas = plan.positions_rad
+    finer = _on_finer_grid(map, plan, spacing)
+    thetas = finer.positions_rad
     n = len(thetas)
     runs = _runs(n)
     step = TURN / len(map.thetas_rad) / 2
@@ -263,7 +274,24 @@ def refined(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan
             step /= 2
     thetas = np.sort(np.mod(thetas, TURN))
     at = map.at(thetas)
-    return SuturePlan(thetas, at.directions, at.best, bool(at.feasible.all()), math.inf, UNPROVEN)
+    return SuturePlan(thetas, at.directions, at.best, bool(at.feasible.all()), math.inf, UNPROVEN, plan.spacing)
+
+
+def _on_finer_grid(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan:
+    """Return the better of a plan and the best one on a finer grid than the map's, unless that would take too long."""
+    positions, count = len(map.thetas_rad), len(plan.positions_rad)
+    finer = min(FINER, MOST_POSITIONS // positions)
+    if finer < 2:
+        return plan
+    fine = map.at(np.arange(finer * positions) * (TURN / (finer * positions)))
+    found = plan_even(fine, count) if spacing == Spacing.even(count) else plan_gaps(fine, count, spacing)
+    scores = [_scores(*_values(map, one), map.reward.feasible_first)[0] for one in (plan, found)]
+    return found if scores[1] > scores[0] else plan
+
+
+def _values(map: DexterityMap, plan: SuturePlan) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    at = map.at(plan.positions_rad)
+    return at.best[None], at.feasible[None]
 
 
 def _runs(n: int) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from trocar.tasks.suture.planning.pull import (
     HOLDING_RAD,
     OPEN_RAD,
     ROOM_RAD,
+    SAMPLES,
     over_tissue_m,
     room_rad,
     shifted,
@@ -44,8 +45,6 @@ WIRE_APART_M = 1.0e-3
 """Least distance of an instrument that comes or goes from the wire, except about where its own jaws hold it."""
 ALTERNATIVES, OTHERWISE_RAD = 4, math.radians(25.0)
 """Number of handovers, and how far the needle's attitudes in them differ at least."""
-SAMPLES = 24
-"""Configurations at which a way from rest to rest is looked at."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""A plan of sutures round the circle, the constraints on it, and the file that ``trocar plan suture`` saves."""
+"""A plan of sutures round the circle, the constraints on it, and the files that ``trocar plan suture`` saves."""
 
 from __future__ import annotations
 
@@ -22,11 +22,15 @@ from trocar.notebook import table
 from trocar.tasks.suture.planning.primitive import Suture, sutures_at
 from trocar.tasks.suture.planning.rewards import DexterityMap
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS, SutureSetup
+from trocar.tasks.suture.planning.waypoints import waypoints
 
 MAX_SUTURES = 360
+SAME = 1e-6
+"""Numbers of waypoints (m, rad, s) that differ by less are the same: angles of a plan are saved in degrees."""
 RIGID = 1e-6
 """Tolerance of unit length and right angles of a rotation's columns."""
 MADE_BY = "give the plan.json of `trocar plan suture --out DIR`"
+PLAN = "plan.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +41,12 @@ class SuturePlan:
         positions_rad: (n,) ascending, in [0, 2 pi).
         directions: (n,) each one of ``DIRECTIONS``.
         rewards: (n,) dexterity of each suture.
-        feasible: whether every suture stays within the joints' limits and keeps the safe depth.
+        feasible: whether in every suture joints stay within their limits, the wrist is deep enough, and the instrument
+            out of the tissue.
         bound: proven upper bound on the ``reward`` of all plans on the grid; infinite for plans at any angles. If no
             plan is feasible although the reward puts feasibility first, it bounds the worst infeasible suture.
         certified: which plans ``bound`` covers, in words.
+        spacing: the constraints on the positions; None: evenly spaced, and no others.
     """
 
     positions_rad: NDArray[np.float64]
@@ -49,6 +55,7 @@ class SuturePlan:
     feasible: bool
     bound: float
     certified: str
+    spacing: Spacing | None = None
 
     def __repr__(self) -> str:
         kept = "within the limits" if self.feasible else "BEYOND the limits"
@@ -202,11 +209,12 @@ class PlannedSutures:
 
 
 def load_plan(path: str | Path) -> PlannedSutures:
-    """Return the sutures of a ``plan.json`` that ``trocar plan suture`` saved.
+    """Return the sutures of a ``plan.json`` or ``waypoints.json`` that ``trocar plan suture`` saved, or of its folder.
 
     Raises:
-        BadFile: the file cannot be read, or holds no such plan.
+        BadFile: the file cannot be read, holds no such plan, or waypoints that are not those of its plan.
     """
+    path = Path(path) / PLAN if Path(path).is_dir() else Path(path)
     try:
         values = read_json(path)
     except OSError as error:
@@ -221,9 +229,26 @@ def load_plan(path: str | Path) -> PlannedSutures:
     try:
         positions = np.radians(_numbers(values["positions_deg"], "positions_deg"))
         directions = np.array(_numbers(values["directions"], "directions"))
-        return PlannedSutures(setup_from(values["setup"]), positions, directions)
+        plan = PlannedSutures(setup_from(values["setup"]), positions, directions)
     except InvalidInput as error:
         raise BadFile(path, f"holds no plan: {error}", kind="plan") from None
+    if "stitches" in values and not _same(values["stitches"], [waypoints(suture).values() for suture in plan.sutures]):
+        remedy = "an arm follows the plan and corrects it: change the plan, and save its waypoints anew"
+        raise BadFile(path, "holds waypoints that are not those of its plan", remedy, kind="plan")
+    return plan
+
+
+def _same(found: object, expected: object) -> bool:
+    """Return whether two JSON values are the same, numbers up to rounding."""
+    if isinstance(expected, dict):
+        if not isinstance(found, dict) or found.keys() != expected.keys():
+            return False
+        return all(_same(found[key], value) for key, value in expected.items())
+    if isinstance(expected, list):
+        return isinstance(found, list) and len(found) == len(expected) and all(map(_same, found, expected))
+    if isinstance(expected, float):
+        return isinstance(found, int | float) and abs(found - expected) <= SAME
+    return found == expected
 
 
 def setup_values(value: Any) -> Any:

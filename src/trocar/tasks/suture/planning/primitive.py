@@ -263,6 +263,12 @@ def sutures_at(setup: SutureSetup, positions_rad: ArrayLike, directions: ArrayLi
     return tuple(Suture(setup, theta, direction) for theta, direction in both)
 
 
+def least_gap_rad(setup: SutureSetup) -> float:
+    """Return the gap of neighbours above which their paths in the tissue, each along its tangent, do not meet."""
+    along_m = float(np.abs(Suture(setup, 0.0, DIRECTIONS[0]).path_ends_m[:, 1]).max()) + setup.needle.wire_m
+    return 2 * math.atan(along_m / setup.circle.radius_m)
+
+
 @dataclass(frozen=True, eq=False)
 class SutureJoints:
     """Configurations of the arm along sutures.

@@ -57,6 +57,8 @@ APART_M = 4.0e-3
 """Least distance of the two instruments, as a coordinator of arms keeps it."""
 OPEN_RAD, HOLDING_RAD = 0.4, 0.1
 """Opening of jaws that come and go, and of jaws on a wire."""
+SAMPLES = 24
+"""Configurations at which a way from rest to rest is looked at."""
 ROOM_RAD, ROOM_M = math.radians(8.0), 4.0e-3
 """Least room of the turning joints and of the insertion to their limits: corrections and the commands of a worn
 instrument need some of it, up to 30 deg at the wrist."""
@@ -120,7 +122,11 @@ def with_puller(setup: SutureSetup, arm: ArmModel, T_world_base: SE3, grasp: Nee
 
 
 def plan_pull(
-    suture: Suture, arm: ArmModel, T_world_base: SE3, worth: Callable[[SutureSetup], float] | None = None
+    suture: Suture,
+    arm: ArmModel,
+    T_world_base: SE3,
+    first_home_q: NDArray[np.float64],
+    worth: Callable[[SutureSetup], float] | None = None,
 ) -> Pull:
     """Return how an arm pulls the needle of a suture through.
 
@@ -131,6 +137,7 @@ def plan_pull(
         suture: with the first arm, which holds the needle where the second one comes to grasp it.
         arm: the second arm.
         T_world_base: its base.
+        first_home_q: (6,) where the first arm goes when it has let go.
         worth: room of the joints, rad, in what comes after the second grip, in which the needle stays.
 
     Raises:
@@ -138,7 +145,7 @@ def plan_pull(
     """
     setup = suture.setup
     start, end = setup.insertion.turn_rad, tail_out_rad(setup) - DRAWN_RAD
-    first, best = holding_still(suture), None
+    holds, leaves, best = holding_still(suture), _going_home(suture, first_home_q), None
     for share in SHARES:
         middle = start + share * (end - start)
         parts = zip(((start, middle), (middle, end)), BEHIND_TIP_RAD, strict=True)
@@ -147,9 +154,11 @@ def plan_pull(
         if room > ROOM_RAD and (best is None or room > best[0]):
             best = room, middle
     if best is not None:
-        one = _best_grip(suture, arm, T_world_base, (start, best[1]), BEHIND_TIP_RAD[0], first)
+        one = _best_grip(suture, arm, T_world_base, (start, best[1]), BEHIND_TIP_RAD[0], (holds, leaves))
         if one:
-            return Pull((one, _preferred(suture, arm, T_world_base, (best[1], end), worth)), _apart_m(one, first))
+            return Pull(
+                (one, _preferred(suture, arm, T_world_base, (best[1], end), worth)), _apart_m(one, holds, leaves)
+            )
     raise OutOfReach(f"the second arm cannot pull the needle through at {suture}; place it elsewhere")
 
 
@@ -159,11 +168,14 @@ def _best_grip(
     T_world_base: SE3,
     turn_rad: tuple[float, float],
     behind_tip_rad: tuple[float, ...],
-    others: Capsules | None = None,
+    first: tuple[Capsules, Capsules] | None = None,
 ) -> Grip | None:
-    """Return the grip with most room on a part of the needle's rotation, clear of ``others``; None: none has enough."""
+    """Return the grip with most room on a part of the needle's rotation, clear of the first arm; None: none has enough.
+
+    The first arm is given as it holds the needle, and on its way home.
+    """
     for grip in _grips(suture, arm, T_world_base, turn_rad, behind_tip_rad):
-        if others is None or _apart_m(grip, others) >= APART_M:
+        if first is None or _apart_m(grip, *first) >= APART_M:
             return grip
     return None
 
@@ -215,10 +227,20 @@ def _grips(
         yield Grip(mine, turn_rad, float(room[k]))
 
 
-def _apart_m(grip: Grip, others: Capsules) -> float:
-    """Return the least distance of the arm from other capsules in the world on its way to a grip."""
-    coming = capsules(grip.setup.arm, reach_segment(grip).q, OPEN_RAD).moved(grip.setup.T_world_base)
-    return float(capsule_distances_m(coming, others).min())
+def _apart_m(grip: Grip, holds: Capsules, leaves: Capsules) -> float:
+    """Return the least distance of the two arms: while the second comes, and while the first leaves."""
+    reach = reach_segment(grip).q
+    coming = capsules(grip.setup.arm, reach, OPEN_RAD).moved(grip.setup.T_world_base)
+    waiting = capsules(grip.setup.arm, reach[-1], HOLDING_RAD).moved(grip.setup.T_world_base)
+    return min(float(capsule_distances_m(a, b).min()) for a, b in ((coming, holds), (leaves, waiting)))
+
+
+def _going_home(suture: Suture, home_q: NDArray[np.float64]) -> Capsules:
+    """Return the first arm's instrument in the world on its way from the end of a suture home."""
+    *_, withdraw, rise = suture_segments(suture)
+    path = np.concatenate([withdraw.q, rise.q])
+    path = np.concatenate([path, np.linspace(path[-1], home_q, SAMPLES)])
+    return capsules(suture.setup.arm, path, OPEN_RAD).moved(suture.setup.T_world_base)
 
 
 @lru_cache(maxsize=4)

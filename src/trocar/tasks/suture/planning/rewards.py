@@ -253,10 +253,16 @@ def _mean_squared(joints: SutureJoints) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Preset:
-    """A setup and the reward that scores its sutures."""
+    """A setup and the reward that scores its sutures.
+
+    Attributes:
+        fitted: the setup's parameters that were fitted to the paper's figures, as the command line calls them; what
+            agrees with these figures is no prediction.
+    """
 
     setup: SutureSetup
     reward: Reward
+    fitted: tuple[str, ...] = ()
 
 
 PRESETS: dict[str, Preset] = {
@@ -269,8 +275,7 @@ PRESETS: dict[str, Preset] = {
         ),
         Reward(),
     ),
-    # Five parameters (tilt, spin, behind the tip, approach, lean) are fitted to the paper's Table I, Fig. 3 and Fig. 7
-    # together: the agreement is plausible, no proof.
+    # Five parameters are fitted to the paper's Table I, Fig. 3 and Fig. 7 together: plausible, no proof.
     "paper-demo": Preset(
         SutureSetup(
             T_world_base=base_beside(radians(225.0), 0.050, 0.100, tilt_rad=radians(20.3), spin_rad=radians(116.4)),
@@ -278,6 +283,7 @@ PRESETS: dict[str, Preset] = {
             insertion=Insertion(theta_is="entry"),
         ),
         Reward(margin="clipped", at="stations", feasible_first=False),
+        ("base_tilt_deg", "base_spin_deg", "grasp_behind_tip_deg", "grasp_approach_deg", "grasp_lean_deg"),
     ),
 }
 """Setups by their name on the command line."""

@@ -33,6 +33,19 @@ LIFT_M, APPROACH_M, WITHDRAW_M = 0.025, 0.006, 0.010
 """Height from which the arm is lowered and to which it rises; length of the approach along the needle's first
 direction; how far open jaws back off along their own axis."""
 UP = np.array([0.0, 0.0, 1.0])
+DRIVING_M_S, TRAVEL_M_S = 0.004, 0.020
+"""Mean speeds of the jaws along the primitive, slow enough for the cables to take up their play before the needle's
+next movement, and on the ways in and out."""
+TRAVELS = ("lower", "withdraw", "rise")
+"""Segments away from tissue and needle, done at travel speed."""
+JAW_OPEN_RAD, JAW_CLOSED_RAD = 0.40, -0.17
+"""An opening that clears the wire; a target that lets the drive press."""
+
+
+def minimum_jerk(share_of_time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the share of a path (k,) that is done after shares of its time, from rest to rest with the least jerk."""
+    tau = share_of_time
+    return tau**3 * (10 - 15 * tau + 6 * tau**2)
 
 
 def ranges(arm: ArmModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

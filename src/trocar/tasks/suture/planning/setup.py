@@ -1,20 +1,15 @@
-"""The geometry of a suture task (arm, circle, needle, grasp, insertion), and its numbers by name.
-
-The named numbers are options of ``plan suture``, and what ``plan setup`` searches over.
-"""
+"""The geometry of a suture task: arm, circle and mesh, needle, grasp, insertion."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from trocar.arms import PSM_CLASSIC, ArmModel
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
-from trocar.geometry import SE3, SO3, TURN, shown, shown_scale
+from trocar.geometry import SE3, SO3, TURN, shown
 from trocar.tasks.suture.needle import Needle, check_range
 
 CLOCKWISE, COUNTERCLOCKWISE = 1, -1
@@ -28,18 +23,40 @@ HOLDABLE_RAD = math.radians(5.0)
 
 @dataclass(frozen=True)
 class Circle:
-    """The circle of sutures round the defect.
+    """The circle of sutures that holds a mesh over a defect.
+
+    The paper gives no sizes: the circle fits a da Vinci training phantom, and what lies round it is assumed.
 
     Attributes:
-        radius_m: radius (the paper gives none; 30 mm fits a da Vinci training phantom).
+        radius_m: radius.
         T_world_circle: z out of the tissue, theta counterclockwise from x.
+        mesh_beyond_m: how far the mesh's edge lies outside of the circle.
+        mesh_margin_m: how far from the edge all of a bite must stay, so that the suture holds the mesh.
+        defect_within_m: how far the edge of the defect lies inside of the circle; where the circle is smaller, there
+            is no defect.
     """
 
     radius_m: float = 0.030
     T_world_circle: SE3 = field(default_factory=SE3.identity)
+    mesh_beyond_m: float = 0.005
+    mesh_margin_m: float = 0.001
+    defect_within_m: float = 0.015
 
     def __post_init__(self) -> None:
         check_range("circle radius", self.radius_m, 0.002, 0.2)
+        check_range("mesh beyond the circle", self.mesh_beyond_m, 0.0, 0.1)
+        check_range("margin to the mesh's edge", self.mesh_margin_m, 0.0, 0.1)
+        check_range("defect within the circle", self.defect_within_m, 0.0, 0.2)
+
+    @property
+    def mesh_radius_m(self) -> float:
+        """Return the radius of the mesh."""
+        return self.radius_m + self.mesh_beyond_m
+
+    @property
+    def defect_radius_m(self) -> float:
+        """Return the radius of the defect, 0 if there is none."""
+        return max(0.0, self.radius_m - self.defect_within_m)
 
 
 @dataclass(frozen=True)
@@ -230,95 +247,3 @@ def mirrored(setup: SutureSetup) -> SutureSetup:
     grasp = replace(setup.grasp, approach_rad=-setup.grasp.approach_rad, skew_rad=-setup.grasp.skew_rad)
     base = setup.circle.T_world_circle @ SE3.unchecked(flip @ T_circle_base @ flip)
     return replace(setup, T_world_base=base, grasp=grasp)
-
-
-class Parameter(NamedTuple):
-    """One number of a setup, in m or rad.
-
-    Attributes:
-        about: one line for the help.
-        bounds: between which it is searched by default, assumed: what fits under an abdominal wall beside a phantom,
-            with needles 17 to 28 mm across. None: it is not searched over.
-    """
-
-    about: str
-    bounds: tuple[float, float] | None
-
-
-def _degrees(low: float, high: float) -> tuple[float, float]:
-    return math.radians(low), math.radians(high)
-
-
-PARAMETERS = {
-    "center_x_m": Parameter("Shift of the circle's centre along its own x.", (-0.010, 0.010)),
-    "center_y_m": Parameter("Shift of the circle's centre along its own y.", (-0.010, 0.010)),
-    "circle_radius_m": Parameter("Radius of the circle of sutures.", (0.020, 0.040)),
-    "base_azimuth_rad": Parameter("Direction of the arm's base, counterclockwise from x.", _degrees(0, 360)),
-    "base_sideways_m": Parameter("Horizontal distance of the base from the world's origin.", (0.030, 0.090)),
-    "base_up_m": Parameter("Height of the base.", (0.080, 0.150)),
-    "base_tilt_rad": Parameter("Lean of the resting instrument towards the origin.", _degrees(-60, 60)),
-    "base_spin_rad": Parameter("Rotation of the base about its z.", _degrees(-180, 180)),
-    "needle_radius_m": Parameter("Radius of the needle's curvature.", (0.006, 0.010)),
-    "needle_arc_rad": Parameter("Arc of the needle from tip to tail.", None),
-    "grasp_behind_tip_rad": Parameter("Arc from the needle's tip back to the jaws.", _degrees(90, 150)),
-    "grasp_approach_rad": Parameter("Rotation of the jaws about the wire.", _degrees(-180, 180)),
-    # below 0 the wrist meets the tissue
-    "grasp_lean_rad": Parameter("Rotation of the jaws about their closing direction.", _degrees(0, 90)),
-    # flat jaws can hold 0 and 180 deg only
-    "grasp_skew_rad": Parameter("Rotation of the jaws about their long axis.", _degrees(-180, 180)),
-}
-"""Numbers of a setup by name: the part that holds it (``center`` and ``base`` are poses), then the field there."""
-SEARCHED = {name: parameter.bounds for name, parameter in PARAMETERS.items() if parameter.bounds}
-"""The parameters that can be searched over, with their usual bounds."""
-
-
-def parameters_of(setup: SutureSetup) -> dict[str, float]:
-    """Return the parameters of a setup; the centre's shift is 0, whatever the pose of the circle."""
-    base = _base_numbers(setup.T_world_base)
-    found = {"center_x_m": 0.0, "center_y_m": 0.0} | {f"base_{name}": value for name, value in base.items()}
-    found["base_azimuth_rad"] %= TURN
-    parts = {name: name.split("_", 1) for name in PARAMETERS}
-    return {name: found[name] if name in found else getattr(getattr(setup, a), b) for name, (a, b) in parts.items()}
-
-
-def with_parameters(setup: SutureSetup, values: Mapping[str, float], **changes: Any) -> SutureSetup:
-    """Return the setup with some parts replaced, then some parameters by name; the others stay.
-
-    Raises:
-        InvalidInput: a name is unknown, or no setup has these values.
-    """
-    parts: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        if name not in PARAMETERS:
-            raise UnknownName("the parameter of a setup", name, PARAMETERS)
-        part, number = name.split("_", 1)
-        parts.setdefault(part, {})[number] = value
-    base, center = parts.pop("base", {}), parts.pop("center", {})
-    changes |= {part: replace(changes.get(part, getattr(setup, part)), **fields) for part, fields in parts.items()}
-    if base:
-        now = _base_numbers(setup.T_world_base)
-        changes["T_world_base"] = base_beside(**{**now, **base})
-        rest = base_beside(**now).inverse() @ setup.T_world_base
-        if not np.allclose(rest.matrix, np.eye(4), rtol=0.0, atol=1e-12):  # its attitude needs more than two angles
-            changes["T_world_base"] @= rest
-    if center:
-        circle = changes.get("circle", setup.circle)
-        shift = SE3.from_parts(translation_m=[center.get("x_m", 0.0), center.get("y_m", 0.0), 0.0])
-        changes["circle"] = replace(circle, T_world_circle=circle.T_world_circle @ shift)
-    return replace(setup, **changes)
-
-
-def _base_numbers(T_world_base: SE3) -> dict[str, float]:
-    """Return the arguments of ``base_beside`` that give this base."""
-    x, y, up = T_world_base.translation_m.tolist()
-    azimuth = math.atan2(y, x)
-    leaning = (SO3.axis("z", -azimuth) @ T_world_base.rotation).matrix
-    tilt, spin = math.atan2(leaning[0, 2], leaning[2, 2]), math.atan2(leaning[1, 0], leaning[1, 1])
-    return {"azimuth_rad": azimuth, "sideways_m": math.hypot(x, y), "up_m": up, "tilt_rad": tilt, "spin_rad": spin}
-
-
-def shown_parameter(name: str) -> tuple[float, str]:
-    """Return the factor that takes a parameter to mm or deg, and its name with that unit, as on the command line."""
-    stem, _, unit = name.rpartition("_")
-    scale, shown_unit = shown_scale(unit)
-    return scale, f"{stem}_{shown_unit}"

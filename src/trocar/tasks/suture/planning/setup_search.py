@@ -15,19 +15,14 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
-from trocar.geometry import shown
+from trocar.geometry import TURN, shown
 from trocar.tasks.suture.planning.grid import plan_even
+from trocar.tasks.suture.planning.parameters import SEARCHED, parameters_of, shown_parameter, with_parameters
 from trocar.tasks.suture.planning.plan import Planner, SuturePlan
-from trocar.tasks.suture.planning.primitive import jaws_above_m, suture_joints
+from trocar.tasks.suture.planning.primitive import jaws_above_m, suture_joints, sutures_at
 from trocar.tasks.suture.planning.rewards import DexterityMap, scored
-from trocar.tasks.suture.planning.setup import (
-    HOLDABLE_RAD,
-    SEARCHED,
-    SutureSetup,
-    parameters_of,
-    shown_parameter,
-    with_parameters,
-)
+from trocar.tasks.suture.planning.setup import HOLDABLE_RAD, SutureSetup
+from trocar.tasks.suture.planning.summary import crossing_sutures, mesh_left_m, relative_excess
 
 CERTIFIED = "each setup's plan is the best on its grid; the setup is the best one found, which proves nothing"
 
@@ -39,11 +34,9 @@ GROUPS = {
 """Parameters that are searched over together, by name."""
 POPULATION = 48
 COARSE = 72
-"""Size of the grid during the search."""
-INFEASIBLE_COST = 10.0
-"""Added to the cost of an infeasible plan: more than any reward."""
-MAX_SHIFT_M = 0.5
-"""Largest shift of the circle's centre along an axis."""
+"""The grid during the search has so many positions, or a few more."""
+INFEASIBLE_COST, CROSSING_COST = 10.0, 5.0
+"""Added to the cost of an infeasible plan, and of one whose sutures cross: more than any reward."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +47,8 @@ class FoundSetup:
         start: the best plan of the initial setup.
         best: map of the best setup found, scaled like the map that the search started from.
         plan: the best plan there.
+        sound: whether it can be recommended: it is feasible, the needle comes out, holds the mesh and can be held, and
+            no sutures cross.
         values: of the free parameters.
         bounds: of the free parameters.
         evaluations: number of setups evaluated.
@@ -62,6 +57,7 @@ class FoundSetup:
     start: SuturePlan
     best: DexterityMap
     plan: SuturePlan
+    sound: bool
     values: dict[str, float]
     bounds: dict[str, tuple[float, float]]
     evaluations: int
@@ -80,12 +76,12 @@ def search_setup(
 ) -> FoundSetup:
     """Return the best setup found over some of its parameters; never worse than the initial one.
 
-    Flat jaws can hold the needle as it is grasped, and stay above the tissue; otherwise only the bounds keep arm and
-    port clear of the patient. Margin and manipulability are scaled alike in all setups; with a scale of its own for
-    each, rewards would not be comparable.
+    Flat jaws can hold the needle as it is grasped, the instrument stays above the tissue, the bites hold the mesh and
+    do not cross; otherwise only the bounds keep arm and port clear of the patient. Margin and manipulability are scaled
+    alike in all setups; with a scale of its own for each, rewards would not be comparable.
 
     Args:
-        start: gives reward, scales and grid, whose size is a multiple of ``COARSE``.
+        start: gives reward, scales and grid, of which about ``COARSE`` positions are used during the search.
         free: names of the free parameters, from ``SEARCHED``.
         rng: random generator of the evolution.
         setup: the initial setup, whose other parameters stay; default: that of ``start``.
@@ -96,19 +92,21 @@ def search_setup(
     """
     here = setup or start.setup
     limits = free_bounds(here, free, bounds)
+    size = len(start.thetas_rad)
+    stride = max(1, size // COARSE)
     planner(start)  # what is wrong with its settings is told before a search of minutes
     if evaluations < 2 * POPULATION:
         raise InvalidValue("the number of evaluations", evaluations, f"give at least {2 * POPULATION}")
-    if (size := len(start.thetas_rad)) % COARSE:
+    if size % stride:
         grid = f"a grid of {size} positions"
-        raise InvalidInput(grid, f"does not contain the search's of {COARSE}", f"give a multiple of {COARSE}")
+        raise InvalidInput(grid, f"does not contain every {stride}th of them", f"give a multiple of {COARSE}")
     if not here.grasp.holdable and not {"grasp_lean_rad", "grasp_skew_rad"} & set(free):
         raise InvalidInput(
             "the grasp",
             f"holds the wire {shown(here.grasp.out_of_jaws_rad, 'rad', '.0f')} out of the plane of flat jaws",
             "free the grasp's lean or skew, or start from skew 0",
         )
-    thetas = start.thetas_rad[:: size // COARSE]
+    thetas = start.thetas_rad[::stride]
     limits_at = np.array(list(limits.values()))
     usual = {name: parameters_of(here)[name] for name in free}
     evaluated = 0
@@ -131,12 +129,12 @@ def search_setup(
     x = differential_evolution(cost, limits_at.tolist(), maxiter=generations, rng=rng, **options).x
     values = dict(zip(free, x.tolist(), strict=True))
     best = _scaled_like(start, with_parameters(here, values), start.thetas_rad)
-    plan, unchanged = planner(best), _scaled_like(start, here, start.thetas_rad)
-    start_plan = planner(unchanged)
-    worse = (plan.feasible, plan.reward) < (start_plan.feasible, start_plan.reward)
-    if worse or jaws_above_m(best.setup) < 0 or not best.setup.grasp.holdable:
-        best, plan, values = unchanged, start_plan, usual
-    return FoundSetup(start_plan, best, plan, values, limits, evaluated)
+    here_cost, best_cost = (_cost(one, start, start.thetas_rad, planner) for one in (here, best.setup))
+    unchanged = _scaled_like(start, here, start.thetas_rad)
+    if best_cost > here_cost:
+        best, values, best_cost = unchanged, usual, here_cost
+    sound = best_cost < CROSSING_COST
+    return FoundSetup(planner(unchanged), best, planner(best), sound, values, limits, evaluated)
 
 
 def _scaled_like(start: DexterityMap, setup: SutureSetup, thetas_rad: NDArray[np.float64]) -> DexterityMap:
@@ -146,19 +144,35 @@ def _scaled_like(start: DexterityMap, setup: SutureSetup, thetas_rad: NDArray[np
 def _cost(setup: SutureSetup, start: DexterityMap, thetas_rad: NDArray[np.float64], planner: Planner) -> float:
     """Return minus the reward of a setup's best plan.
 
-    Setups without a feasible one cost more the worse they are, in ranks that do not overlap, so that the evolution is
-    led out of them: jaws in the tissue or unholdable grasp, plan out of reach, feasible plan.
+    Setups without a sound one cost more the worse they are, in ranks that do not overlap, so that the evolution is led
+    out of them: jaws in the tissue or unholdable grasp, bites that do not hold the mesh or come out, plan out of reach,
+    sutures that cross, sound plan.
     """
+    if unsound := _cost_of_grasp_and_bite(setup):
+        return unsound
+    found = _scaled_like(start, setup, thetas_rad)
+    plan = planner(found)
+    if start.reward.feasible_first and not plan.feasible:
+        outside = relative_excess(found.joints).max(-1)
+        return INFEASIBLE_COST + min(float(outside.min(0).max()), INFEASIBLE_COST)
+    if pairs := crossing_sutures(sutures_at(setup, plan.positions_rad, plan.directions)):
+        share = len(pairs) / math.comb(len(plan.positions_rad), 2)
+        return CROSSING_COST + share + setup.bite_m / setup.circle.radius_m
+    return -plan.reward
+
+
+def _cost_of_grasp_and_bite(setup: SutureSetup) -> float:
+    """Return what is wrong with the grasp or the bite, wherever a suture is; 0 if nothing is."""
     if (height_m := jaws_above_m(setup)) < 0:
         return 3 * INFEASIBLE_COST + 1 - height_m
     if not setup.grasp.holdable:
         return 3 * INFEASIBLE_COST + setup.grasp.out_of_jaws_rad - HOLDABLE_RAD
-    found = _scaled_like(start, setup, thetas_rad)
-    plan = planner(found)
-    if plan.feasible or not start.reward.feasible_first:
-        return -plan.reward
-    outside = found.joints.excess.sum(-1) + found.joints.too_shallow_m
-    return INFEASIBLE_COST + min(float(outside.min(0).max()), INFEASIBLE_COST)
+    if not setup.comes_out:
+        missing_rad = setup.exit_turn_rad - setup.insertion.turn_rad
+        return 2 * INFEASIBLE_COST + (TURN if math.isnan(missing_rad) else missing_rad)
+    if (over_m := setup.circle.mesh_margin_m - mesh_left_m(setup)) > 0:
+        return 2 * INFEASIBLE_COST + over_m
+    return 0.0
 
 
 def free_bounds(
@@ -188,10 +202,7 @@ def _check_bounds(setup: SutureSetup, name: str, low: float, high: float) -> Non
         raise InvalidInput(said, bounds, "give two finite numbers, the lower first")
     part, number = name.split("_", 1)
     for end in (low, high):
-        if part == "base":
+        if part in ("base", "center"):
             with_parameters(setup, {name: end})
-        elif part != "center":  # the part alone: with other free parameters, a setup may hold it
+        else:  # the part alone: with other free parameters, a setup may hold it
             replace(getattr(setup, part), **{number: end})
-        elif abs(end) > MAX_SHIFT_M:
-            limits = f"give {shown(-MAX_SHIFT_M, 'm', 'g')} to {shown(MAX_SHIFT_M, 'm', 'g')}"
-            raise InvalidValue("the shift of the circle's centre", shown(end, "m", "g"), limits)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -99,27 +100,43 @@ class LambdaSweep:
 
         Plans a quarter of a turn apart are the same, so theta_1 is periodic in the gap between two sutures.
         """
-        turned = np.unwrap(self.best_theta_rad, period=TURN / SUTURES)
+        turned = self._unwound_rad
         return float(turned[-1] - turned[0])
 
     @property
-    def off_paper_deg(self) -> tuple[float, float, float]:
-        """Return how far theta_1 at the first and last lambda, and the travel between them, are from the paper's."""
-        gap, (start, end) = 360 / SUTURES, PAPER_BEST_THETA_DEG
-        ends = np.degrees(self.best_theta_rad[[0, -1]]) - PAPER_BEST_THETA_DEG
-        first, last = np.abs((ends + gap / 2) % gap - gap / 2)
-        return float(first), float(last), float(abs(np.degrees(self.travel_rad) - (end - start)))
+    def _unwound_rad(self) -> NDArray[np.float64]:
+        return np.unwrap(self.best_theta_rad, period=TURN / SUTURES)
+
+    @property
+    def like_paper(self) -> tuple[int, int] | None:
+        """Return two lambdas (indices) between which the best plan turns as in the paper; None if there are none.
+
+        The paper gives no lambda. At the first, the best start is near the paper's first; at the second, a larger one,
+        near its last; in between it only turns that way, apart from single steps of the grid. Of several such pairs it
+        is the nearest.
+        """
+        (first, last), gap = np.radians(PAPER_BEST_THETA_DEG), TURN / SUTURES
+        turned, near = self._unwound_rad, np.radians(NEAR_DEG) + 1e-9
+        away = np.abs((turned - np.array([[first], [last]]) + gap / 2) % gap - gap / 2)
+        step = self.thetas_rad[1] - self.thetas_rad[0] + 1e-9
+        pairs = []
+        for start, end in combinations(range(len(turned)), 2):
+            steps = np.diff(turned[start : end + 1]) * np.sign(last - first)
+            if away[0, start] <= near and away[1, end] <= near and (steps >= -step).all() and steps.sum() > 0:
+                pairs.append((start, end))
+        return min(pairs, key=lambda pair: away[0, pair[0]] + away[1, pair[1]], default=None)
 
     def summary(self) -> dict[str, Any]:
         """Return everything except the curves as plain values."""
+        found = self.like_paper
         return {
             "weights": self.weights.tolist(),
             "best_theta_deg": np.degrees(self.best_theta_rad).round(6).tolist(),
             "best_reward": self.rewards.max(1).tolist(),
             "travel_deg": float(np.degrees(self.travel_rad)),
             "paper_best_theta_deg": list(PAPER_BEST_THETA_DEG),
-            "off_paper_deg": list(self.off_paper_deg),
-            "reproduces_paper": max(self.off_paper_deg) <= NEAR_DEG,
+            "reproduces_paper": found is not None,
+            "like_paper_weights": None if found is None else self.weights[list(found)].tolist(),
         }
 
 
@@ -147,11 +164,13 @@ class SutureStudy:
         map: margins in both directions (Fig. 5), better directions (Fig. 3), dexterities.
         points: (2, 3) Table I, as :func:`table_1` returns it.
         sweep: Fig. 7.
+        fitted: parameters of the setup that were fitted to these figures.
     """
 
     map: DexterityMap
     points: NDArray[np.float64]
     sweep: LambdaSweep
+    fitted: tuple[str, ...] = ()
 
     @property
     def wrist_rad(self) -> NDArray[np.float64]:
@@ -185,9 +204,23 @@ class SutureStudy:
             "lambda_sweep": self.sweep.summary(),
             "manipulability_highest_at_deg": np.degrees(map.thetas_rad[map.by_arm.argmax(1)]).tolist(),
             "manipulability_source": map.source,
+            "fitted": list(self.fitted),
         }
 
 
-def study(map: DexterityMap) -> SutureStudy:
-    """Return the paper's experiments on a setup; the number of positions is a multiple of four."""
-    return SutureStudy(map, table_1(map), lambda_sweep(map))
+def study(map: DexterityMap, fitted: tuple[str, ...] = ()) -> SutureStudy:
+    """Return the paper's experiments on a setup; the number of positions is a multiple of four.
+
+    Args:
+        map: of the setup.
+        fitted: names of its parameters that were fitted to the paper's figures.
+    """
+    return SutureStudy(map, table_1(map), lambda_sweep(map), fitted)
+
+
+def fitted_note(fitted: Sequence[str]) -> str:
+    """Return a sentence on what was fitted, to stand beside every figure that was; empty if nothing was."""
+    if not fitted:
+        return ""
+    named = ", ".join(name.rpartition("_")[0].replace("_", " ") for name in fitted)
+    return f"{len(fitted)} numbers of the setup ({named}) were fitted to the paper's Table I, Fig. 3 and Fig. 7"

@@ -1,6 +1,7 @@
 """A suture plan as plain values, and what is wrong with it.
 
-Sutures may be out of reach (where, which joint, by how much), cross in the tissue, or never come out of it.
+Sutures may be out of reach (where, which joint, by how much), cross in the tissue, reach over the mesh's edge, or never
+come out of the tissue.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import fk, ik_branches
-from trocar.geometry import shown
+from trocar.geometry import TURN, shown
 from trocar.geometry.capsules import segment_distances_m
 from trocar.tasks.suture.planning.clearance import above_tissue_m
-from trocar.tasks.suture.planning.plan import SuturePlan, setup_values
+from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, setup_values
 from trocar.tasks.suture.planning.primitive import (
     ROLL,
     Suture,
@@ -31,7 +32,7 @@ from trocar.tasks.suture.planning.primitive import (
     unwound,
 )
 from trocar.tasks.suture.planning.rewards import DexterityMap
-from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, SutureSetup
+from trocar.tasks.suture.planning.setup import CLOCKWISE, DIRECTION_NAMES, SutureSetup
 
 REMEDY = "move the base, turn the grasp or change the circle's radius"
 ARCS_NAMED, PAIRS_NAMED = 3, 3
@@ -44,10 +45,12 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
     problem = "" if plan.feasible else circle_out_of_reach(map.joints) or plan_out_of_reach(sutures)
     found = {
         "positions_deg": _degrees(plan.positions_rad),
+        **bites(sutures),
         "directions": [suture.direction for suture in sutures],
         "direction_names": [DIRECTION_NAMES[suture.direction] for suture in sutures],
         "rewards": plan.rewards.tolist(),
         "gaps_deg": _degrees(plan.gaps_rad),
+        **_asked(plan),
         "joint_room": joint_room(setup, plan),
         "reward": plan.reward,
         "bound": plan.bound,
@@ -60,6 +63,8 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
         "weight": reward.weight,
         "margin_at": reward.at,
         "feasible_first": reward.feasible_first,
+        "joint_weights": list(reward.joint_weights),
+        "caution": reward.caution,
         "grid_positions": len(map.thetas_rad),
         "manipulability_source": map.source,
         "switches_deg": _degrees(map.switches_rad),
@@ -69,6 +74,36 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
         "wire_out_of_jaws_deg": math.degrees(setup.grasp.out_of_jaws_rad),
     }
     return finite(found)
+
+
+def _asked(plan: SuturePlan) -> dict[str, Any]:
+    """Return the constraints on the positions."""
+    spacing = plan.spacing or Spacing.even(len(plan.positions_rad))
+    return {
+        "gap_bounds_deg": _degrees(np.array([spacing.min_gap_rad, spacing.max_gap_rad])),
+        "forbidden_deg": [_degrees(np.array(arc)) for arc in spacing.forbidden_rad],
+        "fixed_deg": _degrees(np.array(spacing.fixed_rad)),
+    }
+
+
+def bites(sutures: Sequence[Suture]) -> dict[str, Any]:
+    """Return where sutures enter, hold and come out, as angles round the circle, and the gaps of their mid-bites.
+
+    Where a needle never comes out, the place at which its tip stops counts as its exit.
+    """
+    ends = np.stack([suture.ends_m for suture in sutures])
+    angles = [np.arctan2(at[:, 1], at[:, 0]) % TURN for at in (ends[:, 0], ends[:, 1], ends.mean(1))]
+    middle = np.sort(angles[2])
+    names = ("entries_deg", "exits_deg", "mid_bites_deg")
+    found = {name: _degrees(at) for name, at in zip(names, angles, strict=True)}
+    return found | {"mid_bite_gaps_deg": _degrees(np.diff(middle, append=middle[0] + TURN))}
+
+
+def mesh_left_m(setup: SutureSetup) -> float:
+    """Return how far the bites stay from the mesh's edge, wherever they are; below 0 they reach over it."""
+    suture = Suture(setup, 0.0, CLOCKWISE)
+    ends = np.concatenate([suture.ends_m, suture.path_ends_m])
+    return setup.circle.mesh_radius_m - float(np.linalg.norm(ends, axis=1).max())
 
 
 def joint_room(setup: SutureSetup, plan: SuturePlan) -> list[dict[str, float]]:
@@ -228,10 +263,12 @@ def crossing_sutures(sutures: Sequence[Suture]) -> list[tuple[int, int]]:
 
 
 def tissue_summary(setup: SutureSetup, plan: SuturePlan) -> dict[str, Any]:
-    """Return which sutures of a plan cross and whether the needle comes out, angles in degrees."""
+    """Return which sutures cross, how far from its edge they hold the mesh, and whether the needle comes out."""
     pairs = crossing_sutures(sutures_at(setup, plan.positions_rad, plan.directions))
     exit_rad = setup.exit_turn_rad
     return {
+        "mesh_left_mm": 1e3 * mesh_left_m(setup),
+        "mesh_margin_mm": 1e3 * setup.circle.mesh_margin_m,
         "crossing_deg": [[round(math.degrees(plan.positions_rad[i]), 9) for i in pair] for pair in pairs],
         "needle_comes_out": setup.comes_out,
         "needle_turn_deg": math.degrees(setup.insertion.turn_rad),
@@ -248,6 +285,13 @@ def tissue_warnings(summary: Mapping[str, Any]) -> list[str]:
         found.append(
             f"warning: sutures cross in the tissue, seen from above: {named} deg{more}; ask for wider gaps or fewer "
             "sutures, a larger circle or a smaller needle"
+        )
+    left, asked = summary["mesh_left_mm"], summary["mesh_margin_mm"]
+    if left < asked - 1e-9:
+        where = f"reach {-left:.1f} mm over the mesh's edge" if left < 0 else f"come within {left:.1f} mm of its edge"
+        found.append(
+            f"warning: the sutures may not hold the mesh: their bites {where}, and {asked:g} mm should be left; let "
+            "theta_is be middle, widen the mesh (circle_mesh_beyond_mm) or take a smaller needle"
         )
     if not summary["needle_comes_out"]:
         out = summary["needle_exit_turn_deg"]

@@ -102,7 +102,7 @@ def plan_two_arms(
 
     for suture in sutures:
         ends = len(pulls) + 1 == len(sutures)
-        pull = plan_pull(suture, second.model, second.T_world_base, None if ends else handover_room_rad)
+        pull = plan_pull(suture, second.model, second.T_world_base, home_q, None if ends else handover_room_rad)
         last = pull.grips[-1]
         _require_apart(second, between(second.home_q, reach_segment(pull.grips[0]).q[0]), suture)
         pulls.append(pull)

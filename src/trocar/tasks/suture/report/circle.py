@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from io import BytesIO
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, Wedge
 from numpy.typing import NDArray
 from PIL import Image
@@ -25,9 +28,10 @@ from trocar.tasks.suture.planning.primitive import Suture, sutures_at
 from trocar.tasks.suture.planning.rewards import DexterityMap
 from trocar.tasks.suture.planning.setup import CLOCKWISE, DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
-MESH, MESH_LINE, BLOCKED = "#F7F5EF", "#E6E1D3", "#D9D9D9"
+MESH, MESH_LINE, DEFECT, BLOCKED = "#F7F5EF", "#E6E1D3", "#EBD5CC", "#D9D9D9"
 RING, GAP = 0.17, 0.03  # width of a ring, and gap between the two, as shares of the rings' inner radius
 SIZE_IN = (7.4, 6.6)
+LINE = 118  # letters of small text in a line as wide as the figure
 LABEL_RAD = math.radians(25.0)  # labels this far apart do not overlap
 TEXTURE_PIXELS, SPAN = 1000, 1.01  # pixels of a texture's side; half the side as a share of the rings' outer radius
 
@@ -44,7 +48,8 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
 
     The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise sutures;
     grey hatching marks positions out of reach in that direction. Arrows are the sutures from entry to exit, or to where
-    the tip stops in the tissue. The figure is empty; its title is by default the number of sutures and the reward.
+    the tip stops in the tissue, on the mesh over the defect. Red arcs outside are those without sutures, triangles the
+    fixed positions. The figure is empty; its title is by default the number of sutures and the reward.
     """
     setup, norm = map.setup, Normalize(*map.span(np.empty(0) if plan is None else plan.rewards))
     outer = ring_radii_mm(setup).max()
@@ -52,18 +57,26 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
     axes = figure.add_subplot()
     axes.set_aspect("equal")
     axes.axis("off")
-    _draw_mesh(axes, 1e3 * setup.circle.radius_m)
+    _draw_mesh(axes, setup)
     _draw_rings(axes, map, norm)
     _draw_angles(axes, outer)
     _draw_base(axes, setup, outer)
     if plan is not None:
         _draw_arrows(axes, map, plan, norm)
         _label_sutures(axes, setup, plan)
-        figure.text(0.01, 0.955, plan.certified, color=style.QUIET, fontsize=8, va="top")
+        _draw_spacing(axes, plan, outer)
+        lines = textwrap.fill(plan.certified, LINE)
+        figure.text(0.01, 0.955, lines, color=style.QUIET, fontsize=8, va="top")
     colours = ScalarMappable(norm, style.PATHS)
     figure.colorbar(colours, ax=axes, shrink=0.62, pad=0.02, aspect=28).set_label("reward of a suture")
-    hatched = Patch(facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////", linewidth=0, label="beyond the limits")
-    axes.legend(handles=[hatched], loc="lower right", borderaxespad=0)
+    hatched = Patch(facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////", linewidth=0, label="cannot be driven")
+    handles: list[Artist] = [hatched]
+    if plan is not None and plan.spacing is not None:
+        if plan.spacing.forbidden_rad:
+            handles.append(Patch(facecolor=style.VERMILION, linewidth=0, label="forbidden"))
+        if plan.spacing.fixed_rad:
+            handles.append(Line2D([], [], marker="^", color=style.INK, linestyle="", label="fixed position"))
+    axes.legend(handles=handles, loc="lower right", borderaxespad=0)
     usual = "Dexterity: outer ring clockwise, inner ring counterclockwise"
     if plan is not None:
         reach = "" if plan.feasible else ", out of reach"
@@ -88,8 +101,9 @@ def texture(map: DexterityMap, plan: SuturePlan) -> tuple[NDArray[np.uint8], flo
 
 
 def ring_radii_mm(setup: SutureSetup) -> NDArray[np.float64]:
-    """Return inner and outer radius (2, 2) of the rings, clockwise first; they enclose all arrows."""
-    inner = 1.1e3 * float(np.linalg.norm(Suture(setup, 0.0, CLOCKWISE).ends_m, axis=1).max())
+    """Return inner and outer radius (2, 2) of the rings, clockwise first; they enclose all arrows and the mesh."""
+    reach_m = float(np.linalg.norm(Suture(setup, 0.0, CLOCKWISE).ends_m, axis=1).max())
+    inner = 1e3 * max(1.1 * reach_m, 1.04 * setup.circle.mesh_radius_m)
     return inner * np.array([[1 + RING + GAP, 1 + 2 * RING + GAP], [1.0, 1 + RING]])
 
 
@@ -97,14 +111,34 @@ def _toward(angle_rad: float) -> NDArray[np.float64]:
     return np.array([math.cos(angle_rad), math.sin(angle_rad)])
 
 
-def _draw_mesh(axes: Axes, radius: float) -> None:
-    """Draw the mesh within the circle."""
-    axes.add_patch(Circle((0, 0), radius, facecolor=MESH, edgecolor=style.INK, linewidth=1.2, zorder=1))
-    for offset in np.linspace(-radius, radius, 17)[1:-1]:
-        half = math.sqrt(radius**2 - offset**2)
-        axes.plot([-half, half], [offset, offset], color=MESH_LINE, linewidth=0.6, zorder=1.5)
-        axes.plot([offset, offset], [-half, half], color=MESH_LINE, linewidth=0.6, zorder=1.5)
-    axes.text(0, 0, f"mesh\nradius\n{radius:.4g} mm", ha="center", va="center", fontsize=8, color=style.QUIET, zorder=2)
+def _draw_mesh(axes: Axes, setup: SutureSetup) -> None:
+    """Draw the mesh to its edge, the circle of sutures on it, and the defect that it covers."""
+    circle = setup.circle
+    edge, radius, defect = (1e3 * value for value in (circle.mesh_radius_m, circle.radius_m, circle.defect_radius_m))
+    axes.add_patch(Circle((0, 0), edge, facecolor=MESH, edgecolor=style.INK, linewidth=1.2, zorder=2.2))
+    for offset in np.linspace(-edge, edge, 19)[1:-1]:
+        half = math.sqrt(edge**2 - offset**2)
+        axes.plot([-half, half], [offset, offset], color=MESH_LINE, linewidth=0.6, zorder=2.3)
+        axes.plot([offset, offset], [-half, half], color=MESH_LINE, linewidth=0.6, zorder=2.3)
+    axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=style.QUIET, linewidth=0.8, linestyle="--", zorder=2.4))
+    text = f"mesh, radius {edge:.3g} mm"
+    if defect > 0:
+        axes.add_patch(Circle((0, 0), defect, facecolor=DEFECT, edgecolor=style.QUIET, linewidth=0.8, zorder=2.4))
+        text = f"defect,\nradius\n{defect:.3g} mm\n({text.replace(', ', chr(10))})"
+    axes.text(0, 0, text, ha="center", va="center", fontsize=7, color=style.QUIET, zorder=2.6)
+
+
+def _draw_spacing(axes: Axes, plan: SuturePlan, outer: float) -> None:
+    """Draw arcs without sutures, and fixed positions, outside of the rings."""
+    if plan.spacing is None:
+        return
+    for start, end in plan.spacing.forbidden_rad:
+        arc = Wedge((0, 0), 1.035 * outer, math.degrees(start), math.degrees(end), width=0.025 * outer)
+        arc.set(facecolor=style.VERMILION, linewidth=0, zorder=3)
+        axes.add_patch(arc)
+    for angle in plan.spacing.fixed_rad:
+        x, y = 1.028 * outer * _toward(angle)
+        axes.plot(x, y, marker=(3, 0, math.degrees(angle) + 90), color=style.INK, markersize=8, zorder=4)
 
 
 def _draw_rings(axes: Axes, map: DexterityMap, norm: Normalize) -> None:
@@ -137,7 +171,7 @@ def _draw_angles(axes: Axes, outer: float) -> None:
         along = _toward(math.radians(angle))
         x, y = np.outer(along, [outer, 1.03 * outer])
         axes.plot(x, y, color=style.QUIET, linewidth=0.8)
-        x, y = 1.09 * outer * along
+        x, y = 1.11 * outer * along
         axes.text(x, y, f"{angle}°", ha="center", va="center", color=style.QUIET, fontsize=8)
     axes.set_xlim(-1.36 * outer, 1.36 * outer)
     axes.set_ylim(-1.27 * outer, 1.27 * outer)
@@ -180,7 +214,7 @@ def _label_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan) -> None:
     """Write angle and reward of sutures within the circle, and notes below."""
     for i in (labelled := apart(plan)):
         theta = plan.positions_rad[i]
-        x, y = 0.70e3 * setup.circle.radius_m * _toward(theta)
+        x, y = 0.72e3 * setup.circle.radius_m * _toward(theta)
         text = f"{math.degrees(theta):.4g}°\n{plan.rewards[i]:.3f}"
         axes.text(x, y, text, ha="center", va="center", fontsize=8, color=style.INK, zorder=6)
     names = [DIRECTION_NAMES[direction] for direction in DIRECTIONS]

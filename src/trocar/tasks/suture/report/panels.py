@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
@@ -18,7 +20,14 @@ from trocar.report import style
 from trocar.tasks.suture.planning.plan import SuturePlan
 from trocar.tasks.suture.planning.rewards import DexterityMap
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS
-from trocar.tasks.suture.planning.study import ALLOWED, LOCATIONS, PAPER_SWITCHES_DEG, PAPER_TABLE_1, SutureStudy
+from trocar.tasks.suture.planning.study import (
+    ALLOWED,
+    LOCATIONS,
+    PAPER_SWITCHES_DEG,
+    PAPER_TABLE_1,
+    SutureStudy,
+    fitted_note,
+)
 from trocar.tasks.suture.report.circle import runs
 
 COLOURS = {1: style.BLUE, -1: style.ORANGE}
@@ -36,7 +45,7 @@ def draw_reasons(map: DexterityMap, plan: SuturePlan, path: str | Path) -> Path:
     """Draw the reasons for a plan round the circle (reward, margin, joints, manipulability); return the path."""
     with style.figure(8.2, 8.6, path) as figure:
         axes = figure.subplots(4, 1, sharex=True, height_ratios=[1.3, 1, 1, 0.8])
-        title = f"Reward, λ = {map.reward.weight:g} (dots: the plan; thin: beyond the limits)"
+        title = f"Reward, λ = {map.reward.weight:g} (dots: the plan; thin: cannot be driven)"
         rewards(axes[0], map, plan, title)
         margins(axes[1], map, "Joint margin")
         wrist_angles(axes[2], map, "Wrist in the better direction")
@@ -58,13 +67,22 @@ def draw_study(study: SutureStudy, folder: str | Path) -> list[Path]:
         "figure_7": lambda axes: lambda_curves(axes, study, "Fig. 7: plans at several λ"),
         "table_1": lambda axes: table_bars(axes, study, "Table I"),
     }
+    note = fitted_note(study.fitted)
     for name, draw in panels.items():
-        with style.figure(6.4, 3.4, folder / f"{name}.png") as figure:
+        with style.figure(6.4, 3.6 if note else 3.4, folder / f"{name}.png") as figure:
             draw(figure.add_subplot())
+            _caption(figure, note, 98)
     with style.figure(12.2, 9.8, folder / "figures.png") as figure:
         for axes, draw in zip(figure.subplots(3, 2).ravel(), panels.values(), strict=True):
             draw(axes)
+        _caption(figure, note, 190)
     return [folder / f"{name}.png" for name in ("figures", *panels)]
+
+
+def _caption(figure: Figure, note: str, line: int) -> None:
+    """Write a note below the panels, in lines of so many letters."""
+    if note:
+        figure.supxlabel(textwrap.fill(note, line), x=0.01, ha="left", fontsize=8, color=style.QUIET)
 
 
 def rewards(axes: Axes, map: DexterityMap, plan: SuturePlan, title: str) -> None:
@@ -120,7 +138,7 @@ def wrist_angles(axes: Axes, map: DexterityMap, title: str) -> None:
 
 
 def margins(axes: Axes, map: DexterityMap, title: str) -> None:
-    """Draw the joint margin in both directions (Fig. 5), thin where a direction is beyond the limits."""
+    """Draw the joint margin in both directions (Fig. 5), thin where a direction cannot be driven."""
     _both_directions(axes, map, map.margin)
     _round_circle(axes, title, f"margin Q\n{MARGIN_UNITS[map.reward.margin]}")
 
@@ -169,7 +187,7 @@ def table_bars(axes: Axes, study: SutureStudy, title: str) -> None:
 
 
 def _both_directions(axes: Axes, map: DexterityMap, values: NDArray[np.float64]) -> None:
-    """Draw values (2, n) of both directions, thin and dotted where they are beyond the limits."""
+    """Draw values (2, n) of both directions, thin and dotted where they cannot be driven."""
     theta = np.degrees(map.thetas_rad)
     for row, direction in enumerate(DIRECTIONS):
         color, inside = COLOURS[direction], np.where(map.joints.feasible[row], values[row], np.nan)

@@ -1,0 +1,92 @@
+"""Heights above the tissue agree with the instrument's solids, for every arm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from trocar.arms import ARMS, fk, frames
+from trocar.arms.solids import capsules
+from trocar.geometry import SE3
+from trocar.tasks.suture.planning import PRESETS, suture_joints
+from trocar.tasks.suture.planning.clearance import above_tissue_m, fingers_above_m
+from trocar.tasks.suture.planning.primitive import jaws_above_m
+
+THETAS = np.radians(np.arange(0.0, 360.0, 30.0))
+
+
+def drawn(arm, seed=0, count=40):
+    """Return random joints (count, 6) of an arm, and a circle's pose in its base."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(arm.lower, arm.upper, (count, 6)), SE3.exp(rng.uniform(-1, 1, 6) * [0.1, 0.1, 0.1, 3, 3, 3])
+
+
+def doubled(T_circle_tip):
+    """Return poses (k,) as those of both directions (2, k)."""
+    return SE3.unchecked(np.stack([T_circle_tip.matrix] * 2))
+
+
+def above(arm, T_circle_tip, q):
+    """Return the least height along poses (k,) with joints (k, 6)."""
+    return above_tissue_m(arm, doubled(T_circle_tip), np.stack([q[None, :, 5]] * 2))[0, 0]
+
+
+@pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
+def test_fingers_are_as_high_as_the_lowest_corner_of_their_solids(arm):
+    """The corners are given in frames 6 of the closed fingers, of which that of the arm is one."""
+    q, T_base_circle = drawn(arm)
+    T_circle_tip = T_base_circle.inverse() @ fk(arm, q)
+    T_circle_6 = T_base_circle.inverse() @ frames(arm, q)[:, 6]
+    shape = arm.instrument
+    lowest = np.full(len(q), np.inf)
+    for side in (1, -1):
+        along, closing, axis = shape.finger_m(side).T
+        for corner in np.stack([closing, along, axis], -1):  # frame 6: y along the jaws, z their axis
+            mirrored = corner * [-1, 1, 1]
+            lowest = np.minimum(lowest, T_circle_6.apply(corner)[:, 2])
+            lowest = np.minimum(lowest, T_circle_6.apply(mirrored)[:, 2])
+    found = fingers_above_m(arm, doubled(T_circle_tip))
+    np.testing.assert_allclose(found[0], lowest, atol=1e-12)
+
+
+@pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
+def test_nothing_of_the_instrument_is_lower_than_it_says_where_the_shaft_rises(arm):
+    """Capsules hold the solids, and end above or below what was assumed by no more than a radius."""
+    q, T_base_circle = drawn(arm, 1, 400)
+    T_circle_base = T_base_circle.inverse()
+    T_circle_tip = T_circle_base @ fk(arm, q)
+    solids = capsules(arm, q)
+    ends = T_circle_base.apply(solids.ends_m.reshape(-1, 3)).reshape(len(q), 4, 2, 3)[..., 2]
+    rises = ends[:, 0, 1] > ends[:, 0, 0]
+    assert 50 < rises.sum() < 390
+    heights = (ends - solids.radii_m[:, None]).min((1, 2))
+    found = np.array([above(arm, T_circle_tip[k : k + 1], q[k : k + 1]) for k in range(len(q))])
+    slack = max(solids.radii_m)
+    assert np.abs(found - heights)[rises].max() <= slack
+    at, shape = T_circle_base.apply(frames(arm, q).translation_m)[..., 2], arm.instrument
+    balls = np.minimum(at[:, 5] - max(shape.shaft_radius_m, shape.wrist_radius_m), at[:, 6] - shape.knuckle_radius_m)
+    fingers = fingers_above_m(arm, doubled(T_circle_tip))[0]
+    np.testing.assert_allclose(found, np.minimum(fingers, balls), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_along_sutures_it_is_the_least_of_all_samples_wherever_the_suture_is(name):
+    setup = PRESETS[name].setup
+    joints = suture_joints(setup, THETAS)
+    arm = setup.arm
+    T_circle_base = setup.T_base_circle.inverse()
+    for row in (0, 1):
+        for n in range(len(THETAS)):
+            q = joints.q[row, n]
+            samples = [above(arm, (T_circle_base @ fk(arm, at))[None], at[None]) for at in q]
+            assert joints.above_tissue_m[row, n] == pytest.approx(min(samples), abs=1e-9)
+    assert jaws_above_m(setup) >= joints.above_tissue_m.min() > 0
+
+
+def test_a_suture_with_the_instrument_in_the_tissue_is_not_feasible():
+    """On a flat circle nothing but the tissue forbids it: deeper, the same joints hold it."""
+    joints = suture_joints(PRESETS["default"].setup, THETAS)
+    sunk = replace(joints, above_tissue_m=joints.above_tissue_m - 0.0016)
+    assert joints.feasible.any() and not sunk.feasible.any()
+    grazing = replace(joints, above_tissue_m=np.zeros_like(joints.above_tissue_m))
+    np.testing.assert_array_equal(grazing.feasible, joints.feasible)
