@@ -128,15 +128,15 @@ def test_a_needle_that_is_not_seen_in_the_jaws_is_loaded_anew(seen, anew):
         return True
 
     async def look(stretch, tracker):
-        tracker._seen = seen
+        tracker.seen = seen
 
-    agent._load, agent._look = load, look
+    agent._load, agent.look = load, look
     agent.tracker.loaded()
     approach = next(s for s in stretches(suture_segments(GOALS[0]), TASK.setup) if s.segment.name == "approach")
 
     async def script(cell):
-        await agent._look(approach, agent.tracker)
-        await agent._reload(approach, agent.tracker)
+        await agent.look(approach, agent.tracker)
+        assert await agent.check_needle(0, approach, agent.tracker) is None
 
     lab.run(script, 10.0)
     assert len(loadings) == anew
