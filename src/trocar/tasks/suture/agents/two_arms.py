@@ -6,6 +6,7 @@ Their scripts take turns: while one arm moves, the other rests, holding the need
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any
 
@@ -123,17 +124,25 @@ class TwoArmSuturing(CircleSuturing):
         if self.tracker:
             await self.tracker.find()
             needle = _in_other(self.tracker.needle, self._T_first_second.inverse())
-        await self._near.wait()
-        if not await second.grasp(pull.grips[0], needle):
+        with self._waiting():
+            await self._near.wait()
+            grasped = await second.grasp(pull.grips[0], needle)
+        if not grasped:
             return missed(number, "the second arm's jaws closed on nothing where the needle's tip should have been")
         await self.open()
         await self.leave(number, withdraw, rise)
         self._beside(self.go_home)
         self.log.event("step", suture=number, step="pull through")
-        if not await second.pull(pull):
+        with self._waiting():
+            pulled = await second.pull(pull)
+        if not pulled:
             return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
         self._lost = False
         return End(SutureOutcome.DONE)
+
+    def _waiting(self) -> AbstractContextManager[None]:
+        """Note that this arm waits for the second one."""
+        return self.log.span(self.hand.name, "waiting")
 
     @property
     def _planned(self) -> TwoArmPlan:
@@ -167,7 +176,9 @@ class TwoArmSuturing(CircleSuturing):
         for handover in self._planned.handovers[number - 1]:
             if not second.holds:
                 return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
-            if not await second.present(handover):
+            with self._waiting():
+                presented = await second.present(handover)
+            if not presented:
                 reason = "the second arm cannot hold it out"
                 continue
             T_base_needle = self.sutures[number].setup.T_base_circle @ handover.T_circle_needle
@@ -175,7 +186,8 @@ class TwoArmSuturing(CircleSuturing):
                 self.tracker.rests(_in_other(second.tracker.needle, self._T_first_second))
             reason = await self._take(handover.take, T_base_needle)
             if not reason:
-                await second.let_go(handover)
+                with self._waiting():
+                    await second.let_go(handover)
                 self._beside(second.go_home)
                 return None
             await self.go_home()
