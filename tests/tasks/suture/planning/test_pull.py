@@ -11,6 +11,7 @@ from trocar.lab import load_station
 from trocar.tasks.suture.planning.clearance import fingers_above_m
 from trocar.tasks.suture.planning.pull import (
     APART_M,
+    DEEP_M,
     DRAWN_RAD,
     OPEN_RAD,
     OVER_TISSUE_M,
@@ -83,8 +84,8 @@ def test_the_jaws_are_where_they_hold_the_needle_all_along(pull):
         turns = np.linspace(*grip.turn_rad, len(turned.q))
         point = NEEDLE.point_m(np.array([grip.setup.grasp.behind_tip_rad]))
         held = grip.T_circle_needle(turns).apply(point)
-        tips = (grip.setup.T_base_circle.inverse() @ fk(SECOND.model, turned.q)).translation_m
-        np.testing.assert_allclose(tips, held, atol=1e-6)
+        in_jaws = (grip.setup.T_base_circle.inverse() @ fk(SECOND.model, turned.q)).apply([0.0, 0.0, DEEP_M])
+        np.testing.assert_allclose(in_jaws, held, atol=1e-6)
         np.testing.assert_allclose(reach.q[-1], turned.q[0], atol=1e-9)
         np.testing.assert_allclose(leave.q[0], turned.q[-1], atol=1e-9)
 

@@ -37,6 +37,9 @@ BEHIND_TIP_RAD = (tuple(np.radians([13.0, 18.0])), tuple(np.radians([25.0, 32.0]
 or two aside still hold the wire."""
 APPROACHES_RAD, LEANS_RAD = np.radians(np.arange(-180.0, 180.0, 10.0)), np.radians(np.arange(-30.0, 31.0, 10.0))
 """Grasps that are tried: jaws that lean further along the wire leave the other arm less room at the handover."""
+DEEP_M = 1.0e-3
+"""So much further in than the arm's tip the wire is grasped: the jaws end .7 mm beyond that, and come half a millimetre
+or more aside."""
 JAWS_M, HELD_RAD = 0.020, math.radians(30.0)
 """So much of an instrument, from the tip of its jaws back, has to stay clear of the wire, except for so much of the arc
 on either side of the grasp."""
@@ -62,6 +65,15 @@ SAMPLES = 24
 ROOM_RAD, ROOM_M = math.radians(8.0), 4.0e-3
 """Least room of the turning joints and of the insertion to their limits: corrections and the commands of a worn
 instrument need some of it, up to 30 deg at the wrist."""
+
+
+@dataclass(frozen=True)
+class DeepGrasp(NeedleGrasp):
+    """A grasp in which the wire lies further in the jaws than the arm's tip."""
+
+    def pose(self, needle_radius_m: float) -> SE3:
+        """Return the pose of the arm's tip in the frame of a needle of this radius."""
+        return super().pose(needle_radius_m) @ SE3.from_parts(translation_m=[0.0, 0.0, -DEEP_M])
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,12 +256,13 @@ def _going_home(suture: Suture, home_q: NDArray[np.float64]) -> Capsules:
 
 
 @lru_cache(maxsize=4)
-def _grasps(needle: Needle, behind_tip_rad: tuple[float, ...]) -> tuple[list[NeedleGrasp], NDArray[np.float64]]:
+def _grasps(needle: Needle, behind_tip_rad: tuple[float, ...]) -> tuple[list[DeepGrasp], NDArray[np.float64]]:
     """Return the grasps that are tried (n), and the tip's pose (n, 4, 4) in the needle's frame in each.
 
     In these the jaws come and go clear of the rest of the wire.
     """
-    grasps = [NeedleGrasp(*map(float, values)) for values in product(behind_tip_rad, APPROACHES_RAD, LEANS_RAD)]
+    angles = product(behind_tip_rad, APPROACHES_RAD, LEANS_RAD)
+    grasps = [DeepGrasp(*map(float, values)) for values in angles]
     poses = np.stack([grasp.pose(needle.radius_m).matrix for grasp in grasps])
     tip, wrist = poses[:, :3, 3], poses[:, :3, 3] + JAWS_M * poses[:, :3, 2]
     free = []
