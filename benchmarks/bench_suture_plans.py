@@ -20,6 +20,8 @@ from trocar.errors import InvalidInput
 from trocar.geometry import TURN
 from trocar.tasks.suture.planning import DexterityMap, Spacing, SutureSetup, dexterity, plan_even, plan_gaps
 from trocar.tasks.suture.planning import suture_joints as joints_of
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
+from trocar.tasks.suture.planning.primitive import path_samples
 from trocar.tasks.suture.planning.setup import mirrored
 
 POSITIONS, COUNT, WEIGHT = 24, 4, 0.75
@@ -40,11 +42,18 @@ def looked_at(setup: SutureSetup) -> tuple[NDArray, NDArray, NDArray]:
     squared = np.linalg.det(J @ J.swapaxes(-1, -2)).mean(2)
     T = setup.T_base_circle.inverse() @ frames(arm, q)
     shape, at = arm.instrument, T.translation_m[..., 2]
-    along, closing, axis = np.concatenate([shape.finger_m(1), shape.finger_m(-1)]).T
-    corners = np.stack([closing, along, axis], -1)
-    fingers = at[..., 6, None] + T.matrix[..., 6, 2, :3] @ corners.T
-    balls = at[..., 5] - max(shape.shaft_radius_m, shape.wrist_radius_m), at[..., 6] - shape.knuckle_radius_m
-    height = np.minimum(np.minimum(*balls), fingers.min(-1)).min(-1)
+    along, closing, axis = shape.finger_m(1).T
+    turning = np.flatnonzero(path_samples(setup).jaws_rad != 0.0)  # there the jaws may be open
+    lowest = np.minimum(
+        at[..., 5] - max(shape.shaft_radius_m, shape.wrist_radius_m), at[..., 6] - shape.knuckle_radius_m
+    )
+    for side, opening in itertools.product((-1, 1), (0.0, 0.5 * JAW_OPEN_RAD)):
+        turned = q.copy()
+        turned[:, :, turning, 5] -= side * opening
+        finger = (setup.T_base_circle.inverse() @ frames(arm, turned)).matrix[..., 6, 2, :]
+        corners = np.stack([side * np.abs(closing), along, axis, np.ones_like(axis)])
+        lowest = np.minimum(lowest, (finger @ corners).min(-1))
+    height = lowest.min(-1)
     within = ((q >= arm.lower - TOLERANCE) & (q <= arm.upper + TOLERANCE)).all((2, 3))
     deep = wrist_depth_m(arm, q).min(2) >= arm.safe_depth_m - TOLERANCE
     return np.where(real, margin, -1e3), squared, real & within & deep & (height >= -TOLERANCE)

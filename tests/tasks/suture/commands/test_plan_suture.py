@@ -187,7 +187,7 @@ def test_another_arm_out_of_reach_is_told_how_a_base_is_found(plan):
     assert code == 1
     assert "`trocar plan setup --arm raven2-left --free port --free grasp`" in err
     _, _, err = plan(
-        "--arm raven2-left --set grasp_behind_tip_deg=149 --set grasp_approach_deg=47 --set grasp_lean_deg=2"
+        "--arm raven2-left --set grasp_behind_tip_deg=150 --set grasp_approach_deg=60 --set grasp_lean_deg=0"
     )
     assert "`trocar plan setup --arm raven2-left --free port`" in err
 

@@ -9,8 +9,8 @@ from trocar.arms import ARMS, fk, frames
 from trocar.arms.solids import capsules
 from trocar.geometry import SE3
 from trocar.tasks.suture.planning import PRESETS, suture_joints
-from trocar.tasks.suture.planning.clearance import above_tissue_m, fingers_above_m
-from trocar.tasks.suture.planning.primitive import jaws_above_m
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD, above_tissue_m, fingers_above_m
+from trocar.tasks.suture.planning.primitive import jaws_above_m, path_samples
 
 THETAS = np.radians(np.arange(0.0, 360.0, 30.0))
 
@@ -26,27 +26,34 @@ def doubled(T_circle_tip):
     return SE3.unchecked(np.stack([T_circle_tip.matrix] * 2))
 
 
-def above(arm, T_circle_tip, q):
+def above(arm, T_circle_tip, q, opened=False):
     """Return the least height along poses (k,) with joints (k, 6)."""
-    return above_tissue_m(arm, doubled(T_circle_tip), np.stack([q[None, :, 5]] * 2))[0, 0]
+    return above_tissue_m(arm, doubled(T_circle_tip), np.array([opened] * len(q)), np.stack([q[None, :, 5]] * 2))[0, 0]
+
+
+def lowest_corner(arm, T_base_circle, q, jaw_rad):
+    """Return the height (k,) of the lowest corner of fingers with this opening, as if each turned its own last joint.
+
+    In frame 6 the jaws point along y and turn about z, so that the finger on the side of -x opens with a positive turn.
+    """
+    found = np.full(len(q), np.inf)
+    along, closing, axis = arm.instrument.finger_m(1).T
+    for side in (-1, 1):
+        T_circle_6 = T_base_circle.inverse() @ frames(arm, q - side * np.array([0, 0, 0, 0, 0, jaw_rad / 2]))[:, 6]
+        for corner in np.stack([side * np.abs(closing), along, axis], -1):
+            found = np.minimum(found, T_circle_6.apply(corner)[:, 2])
+    return found
 
 
 @pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
-def test_fingers_are_as_high_as_the_lowest_corner_of_their_solids(arm):
-    """The corners are given in frames 6 of the closed fingers, of which that of the arm is one."""
+def test_fingers_are_as_high_as_the_lowest_corner_of_their_solids_closed_and_open(arm):
     q, T_base_circle = drawn(arm)
-    T_circle_tip = T_base_circle.inverse() @ fk(arm, q)
-    T_circle_6 = T_base_circle.inverse() @ frames(arm, q)[:, 6]
-    shape = arm.instrument
-    lowest = np.full(len(q), np.inf)
-    for side in (1, -1):
-        along, closing, axis = shape.finger_m(side).T
-        for corner in np.stack([closing, along, axis], -1):  # frame 6: y along the jaws, z their axis
-            mirrored = corner * [-1, 1, 1]
-            lowest = np.minimum(lowest, T_circle_6.apply(corner)[:, 2])
-            lowest = np.minimum(lowest, T_circle_6.apply(mirrored)[:, 2])
-    found = fingers_above_m(arm, doubled(T_circle_tip))
-    np.testing.assert_allclose(found[0], lowest, atol=1e-12)
+    T_circle_tip = doubled(T_base_circle.inverse() @ fk(arm, q))
+    closed, wide = (lowest_corner(arm, T_base_circle, q, jaw) for jaw in (0.0, JAW_OPEN_RAD))
+    assert (wide < closed - 1e-3).any()
+    opened = np.arange(len(q)) % 2 == 0
+    found = fingers_above_m(arm, T_circle_tip, opened)
+    np.testing.assert_allclose(found[0], np.where(opened, np.minimum(closed, wide), closed), atol=1e-12)
 
 
 @pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
@@ -65,7 +72,7 @@ def test_nothing_of_the_instrument_is_lower_than_it_says_where_the_shaft_rises(a
     assert np.abs(found - heights)[rises].max() <= slack
     at, shape = T_circle_base.apply(frames(arm, q).translation_m)[..., 2], arm.instrument
     balls = np.minimum(at[:, 5] - max(shape.shaft_radius_m, shape.wrist_radius_m), at[:, 6] - shape.knuckle_radius_m)
-    fingers = fingers_above_m(arm, doubled(T_circle_tip))[0]
+    fingers = fingers_above_m(arm, doubled(T_circle_tip), np.zeros(len(q), dtype=bool))[0]
     np.testing.assert_allclose(found, np.minimum(fingers, balls), atol=1e-12)
 
 
@@ -78,7 +85,8 @@ def test_along_sutures_it_is_the_least_of_all_samples_wherever_the_suture_is(nam
     for row in (0, 1):
         for n in range(len(THETAS)):
             q = joints.q[row, n]
-            samples = [above(arm, (T_circle_base @ fk(arm, at))[None], at[None]) for at in q]
+            both = zip(q, path_samples(setup).opened, strict=True)
+            samples = [above(arm, (T_circle_base @ fk(arm, at))[None], at[None], opened) for at, opened in both]
             assert joints.above_tissue_m[row, n] == pytest.approx(min(samples), abs=1e-9)
     assert jaws_above_m(setup) >= joints.above_tissue_m.min() > 0
 

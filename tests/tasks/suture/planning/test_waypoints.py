@@ -10,11 +10,11 @@ from trocar.arms import ARMS, MOTION_LIMITS, fk
 from trocar.crtk.arm import JOINTS
 from trocar.geometry import SO3
 from trocar.tasks.suture.planning import CLOCKWISE, DIRECTIONS, PRESETS, Suture, dexterity, plan_even, sutures_at
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.primitive import needle_poses
 from trocar.tasks.suture.planning.segments import (
     DRIVING_M_S,
     JAW_CLOSED_RAD,
-    JAW_OPEN_RAD,
     TRAVEL_M_S,
     TRAVELS,
     minimum_jerk,

@@ -18,10 +18,10 @@ from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.needle_tracker import Aim, NeedleTracker, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.segments import (
     DRIVING_M_S,
     JAW_CLOSED_RAD,
-    JAW_OPEN_RAD,
     TRAVEL_M_S,
     TRAVELS,
     Segment,

@@ -153,11 +153,13 @@ class PathSamples:
         advance_m: (k,) travel along the straight penetration.
         jaws_rad: (k,) rotation of the jaws about the needle's centre.
         station: (k,) whether a movement starts or ends here; the paper's margin is evaluated at these places.
+        opened: (k,) whether the jaws may be open here at some time, as they move back or let go: along the rotation.
     """
 
     advance_m: NDArray[np.float64]
     jaws_rad: NDArray[np.float64]
     station: NDArray[np.bool_]
+    opened: NDArray[np.bool_]
 
 
 def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> PathSamples:
@@ -172,13 +174,15 @@ def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Pat
         np.append(advance, np.full(len(turn), insertion.straight_m)),
         np.append(np.zeros(straight), turn),
         np.append(np.isin(advance, (0.0, insertion.straight_m)), np.isin(turn, (top, again))),
+        np.append(np.zeros(straight, dtype=bool), np.ones(len(turn), dtype=bool)),
     )
 
 
 def jaws_above_m(setup: SutureSetup) -> float:
     """Return the least height of the jaws above the tissue's plane along a suture, wherever it is."""
     samples = path_samples(setup)
-    return float(fingers_above_m(setup.arm, tip_poses(setup, samples.advance_m, samples.jaws_rad)).max(0).min())
+    T_circle_tip = tip_poses(setup, samples.advance_m, samples.jaws_rad)
+    return float(fingers_above_m(setup.arm, T_circle_tip, samples.opened).max(0).min())
 
 
 @dataclass(frozen=True)
@@ -338,7 +342,9 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     # samples are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
     q = np.moveaxis(ik_unbounded(setup.arm, SE3.unchecked(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
-    return SutureJoints(setup, thetas, q, samples.station, above_tissue_m(setup.arm, at_zero, q[..., 5]))
+    return SutureJoints(
+        setup, thetas, q, samples.station, above_tissue_m(setup.arm, at_zero, samples.opened, q[..., 5])
+    )
 
 
 def unwound(roll: NDArray[np.float64], middle: float = 0.0, of: slice = slice(None)) -> NDArray[np.float64]:

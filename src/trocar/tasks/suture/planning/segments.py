@@ -38,8 +38,8 @@ DRIVING_M_S, TRAVEL_M_S = 0.004, 0.020
 next movement, and on the ways in and out."""
 TRAVELS = ("lower", "withdraw", "rise")
 """Segments away from tissue and needle, done at travel speed."""
-JAW_OPEN_RAD, JAW_CLOSED_RAD = 0.40, -0.17
-"""An opening that clears the wire; a target that lets the drive press."""
+JAW_CLOSED_RAD = -0.17
+"""A target that lets the drive press."""
 
 
 def minimum_jerk(share_of_time: NDArray[np.float64]) -> NDArray[np.float64]:

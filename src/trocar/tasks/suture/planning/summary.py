@@ -234,7 +234,7 @@ def _on_nearest_branch(joints: SutureJoints, row: int, position: int) -> SutureJ
     T_circle_tip = tip_poses(joints.setup, samples.advance_m, samples.jaws_rad)[row : row + 1]
     found = []
     for one in q[:, None, None]:
-        above_m = above_tissue_m(arm, T_circle_tip, one[..., 5])
+        above_m = above_tissue_m(arm, T_circle_tip, samples.opened, one[..., 5])
         here = joints.thetas_rad[[position]]
         found.append(replace(joints, thetas_rad=here, q=one, above_tissue_m=above_m))
     return min(found, key=lambda one: relative_excess(one).max())

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import fk
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.segments import (
     DRIVING_M_S,
     JAW_CLOSED_RAD,
-    JAW_OPEN_RAD,
     TRAVEL_M_S,
     TRAVELS,
     minimum_jerk,
