@@ -10,6 +10,7 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.handover import (
     FACES,
     OTHERWISE_RAD,
@@ -19,7 +20,7 @@ from trocar.tasks.suture.planning.handover import (
     taking,
 )
 from trocar.tasks.suture.planning.primitive import grasp_pose
-from trocar.tasks.suture.planning.pull import APART_M, HOLDING_RAD, OPEN_RAD, ROOM_RAD, room_rad
+from trocar.tasks.suture.planning.pull import APART_M, HOLDING_RAD, ROOM_RAD, room_rad
 from trocar.tasks.suture.planning.two_arms import SecondArm, plan_two_arms
 from trocar.tasks.suture.task import CircleSutures
 
@@ -55,7 +56,7 @@ def test_neither_arm_meets_the_other_and_both_have_room(pull, alternatives):
     for handover in alternatives:
         for way in (handover.take, handover.part):
             assert room_rad(FIRST.model, way.q).min() > ROOM_RAD
-        takes = capsules(FIRST.model, handover.take.q, OPEN_RAD).moved(FIRST.T_world_base)
+        takes = capsules(FIRST.model, handover.take.q, JAW_OPEN_RAD).moved(FIRST.T_world_base)
         gives = capsules(SECOND.model, handover.part.q[0], HOLDING_RAD).moved(SECOND.T_world_base)
         assert capsule_distances_m(takes, gives).min() >= handover.apart_m - 1e-9 >= APART_M - 1e-9
 

@@ -13,12 +13,12 @@ from trocar.arms import capsules, ik_unbounded
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3, TURN
 from trocar.geometry.capsules import capsule_distances_m
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.primitive import INSERTION, ROLL, grasp_pose, unwound
 from trocar.tasks.suture.planning.pull import (
     APART_M,
     COMES_FROM_M,
     HOLDING_RAD,
-    OPEN_RAD,
     ROOM_RAD,
     SAMPLES,
     over_tissue_m,
@@ -199,7 +199,7 @@ def _judged(giver: Holder, taker: Holder, T_circle_needle: SE3) -> Handover | No
         (giver, taker, np.concatenate([part.q, between(part.q[-1], giver.home_q)]), take.q[-1]),
     )
     for mover, still, path, at in moves:
-        solids = capsules(mover.setup.arm, path, OPEN_RAD).moved(mover.setup.T_world_base)
+        solids = capsules(mover.setup.arm, path, JAW_OPEN_RAD).moved(mover.setup.T_world_base)
         others = capsules(still.setup.arm, at, HOLDING_RAD).moved(still.setup.T_world_base)
         apart_m = min(apart_m, float(capsule_distances_m(solids, others).min()))
         grasped = mover.setup.grasp.behind_tip_rad

@@ -19,7 +19,7 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3, TURN
 from trocar.geometry.capsules import Capsules, capsule_distances_m, segment_distances_m
 from trocar.tasks.suture.needle import Needle
-from trocar.tasks.suture.planning.clearance import fingers_above_m
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD, fingers_above_m
 from trocar.tasks.suture.planning.primitive import (
     INSERTION,
     ROLL,
@@ -58,8 +58,8 @@ OVER_TISSUE_M = 1.0e-3
 """Least height of fingers, wrist and shaft over the tissue."""
 APART_M = 4.0e-3
 """Least distance of the two instruments, as a coordinator of arms keeps it."""
-OPEN_RAD, HOLDING_RAD = 0.4, 0.1
-"""Opening of jaws that come and go, and of jaws on a wire."""
+HOLDING_RAD = 0.1
+"""Opening of jaws on a wire."""
 SAMPLES = 24
 """Configurations at which a way from rest to rest is looked at."""
 ROOM_RAD, ROOM_M = math.radians(8.0), 4.0e-3
@@ -220,8 +220,9 @@ def _grips(
     grasps, in_needle = _grasps(setup.needle, behind_tip_rad)
     any_grasp = with_puller(setup, arm, T_world_base, grasps[0])
     at_needle = needle_poses(setup, setup.insertion.straight_m, np.linspace(*turn_rad, 12)).matrix[suture.row]
+    opened = np.isin(np.arange(12), (0, 11))
     poses = at_needle @ in_needle[:, None]
-    places = np.flatnonzero((fingers_above_m(arm, SE3.unchecked(poses)) > OVER_TISSUE_M).all(1))
+    places = np.flatnonzero((fingers_above_m(arm, SE3.unchecked(poses), opened) > OVER_TISSUE_M).all(1))
     if not len(places):
         return
     poses = poses[places]
@@ -242,7 +243,7 @@ def _grips(
 def _apart_m(grip: Grip, holds: Capsules, leaves: Capsules) -> float:
     """Return the least distance of the two arms: while the second comes, and while the first leaves."""
     reach = reach_segment(grip).q
-    coming = capsules(grip.setup.arm, reach, OPEN_RAD).moved(grip.setup.T_world_base)
+    coming = capsules(grip.setup.arm, reach, JAW_OPEN_RAD).moved(grip.setup.T_world_base)
     waiting = capsules(grip.setup.arm, reach[-1], HOLDING_RAD).moved(grip.setup.T_world_base)
     return min(float(capsule_distances_m(a, b).min()) for a, b in ((coming, holds), (leaves, waiting)))
 
@@ -252,7 +253,7 @@ def _going_home(suture: Suture, home_q: NDArray[np.float64]) -> Capsules:
     *_, withdraw, rise = suture_segments(suture)
     path = np.concatenate([withdraw.q, rise.q])
     path = np.concatenate([path, np.linspace(path[-1], home_q, SAMPLES)])
-    return capsules(suture.setup.arm, path, OPEN_RAD).moved(suture.setup.T_world_base)
+    return capsules(suture.setup.arm, path, JAW_OPEN_RAD).moved(suture.setup.T_world_base)
 
 
 @lru_cache(maxsize=4)

@@ -12,12 +12,12 @@ from trocar.arms import ArmModel, capsules, ik_unbounded
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.geometry.capsules import capsule_distances_m
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.handover import Handover, Holder, between, handover_places, plan_handovers, taking
 from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.pull import (
     APART_M,
     LIFTED_M,
-    OPEN_RAD,
     ROOM_RAD,
     Pull,
     grip_segments,
@@ -131,6 +131,6 @@ def from_stand(suture: Suture, T_world_stand: SE3) -> tuple[Segment, Segment]:
 
 def _require_apart(second: SecondArm, path: NDArray[np.float64], suture: Suture) -> None:
     """Raise unless the second arm comes to a suture's end without coming near the first one, which holds the needle."""
-    coming = capsules(second.model, path, OPEN_RAD).moved(second.T_world_base)
+    coming = capsules(second.model, path, JAW_OPEN_RAD).moved(second.T_world_base)
     if capsule_distances_m(coming, holding_still(suture)).min() < APART_M:
         raise OutOfReach(f"the second arm meets the first on its way to {suture}; place it elsewhere")
