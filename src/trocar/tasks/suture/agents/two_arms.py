@@ -18,7 +18,7 @@ from trocar.errors import InvalidInput, TooNear
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.suture.agents.circle import CircleSuturing, End, missed
+from trocar.tasks.suture.agents.circle import JOINED, CircleSuturing, End, missed
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, Stretch
 from trocar.tasks.suture.agents.puller import GRASPS, TRIES, WAIT_S, Puller
@@ -26,9 +26,11 @@ from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
 from trocar.tasks.suture.planning.primitive import driven_steps
 from trocar.tasks.suture.planning.segments import Segment
-from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_two_arms
+from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_two_arms, rising
 from trocar.tasks.suture.stand import T_stand_needle
 
+PARTS = (1.0, 0.6, 0.3)
+"""Shares of a way up that are tried, one after the other."""
 IN_STAND = np.diag(np.repeat([0.5e-3, 0.06], 3) ** 2)
 """How accurately a person sets up the needle: covariance of a twist in its frame, m and rad."""
 
@@ -115,6 +117,19 @@ class TwoArmSuturing(CircleSuturing):
         if tracker.seen or await tracker.find():
             return None
         return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the needle is not seen in the first arm's jaws")
+
+    async def leave(self, number: int, *planned: Segment) -> None:
+        """Retreat as planned, or, where the commands do not allow that, straight up, as far as they do."""
+        before = self.hand.q
+        await super().leave(number, *planned)
+        if np.abs(self.hand.q - before).max() > JOINED:
+            return
+        rise = rising(self.sutures[number].setup, before)
+        for share in PARTS:
+            part = rise.first(round(share * len(rise.q)))
+            if not await self.follow(number, part):
+                self.log.event("rose instead", suture=number, share=share)
+                return
 
     async def finish(self, number: int, withdraw: Segment, rise: Segment) -> End:
         """Have the second arm grasp the tip and pull the needle through, after this arm has let go of it."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, capsules, ik_unbounded
+from trocar.arms import ArmModel, capsules, fk, ik_unbounded
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.geometry.capsules import capsule_distances_m
@@ -124,9 +124,14 @@ def from_stand(suture: Suture, T_world_stand: SE3) -> tuple[Segment, Segment]:
     q = take.q[-1]
     if not np.isfinite(take.q).all() or room_rad(setup.arm, take.q).min() < ROOM_RAD:
         raise OutOfReach("the first arm does not reach the needle in its stand; put the fixture 'stand' elsewhere")
-    up = shifted(T_circle_needle @ setup.grasp.pose(setup.needle.radius_m), np.zeros(3), LIFTED_M * UP)
-    lifted = ik_unbounded(setup.arm, setup.T_base_circle @ up, near=np.broadcast_to(q, (len(up.matrix), 6)))
-    return take, Segment("lift", lifted, LIFTED_M)
+    return take, replace(rising(setup, q), name="lift")
+
+
+def rising(setup: SutureSetup, q: NDArray[np.float64]) -> Segment:
+    """Return the way straight up from joints (6,)."""
+    up = shifted(setup.T_base_circle.inverse() @ fk(setup.arm, q), np.zeros(3), LIFTED_M * UP)
+    risen = ik_unbounded(setup.arm, setup.T_base_circle @ up, near=np.broadcast_to(q, (len(up.matrix), 6)))
+    return Segment("rise", risen, LIFTED_M)
 
 
 def _require_apart(second: SecondArm, path: NDArray[np.float64], suture: Suture) -> None:
