@@ -8,6 +8,7 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
+from trocar.tasks.suture.planning import pull
 from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD, fingers_above_m
 from trocar.tasks.suture.planning.pull import (
     APART_M,
@@ -46,20 +47,20 @@ def test_tail_and_tip_cross_the_surface_where_it_is_said():
     assert heights_m(grip, tip_in_again_rad(TASK.setup) + 0.1, 0.0) < 0.0
 
 
-@pytest.mark.parametrize("pull", PULLS, ids=str)
-def test_the_grips_follow_each_other_from_where_the_first_arm_stops_to_where_little_is_in(pull):
-    one, two = pull.grips
+@pytest.mark.parametrize("planned", PULLS, ids=str)
+def test_the_grips_follow_each_other_from_where_the_first_arm_stops_to_where_little_is_in(planned):
+    one, two = planned.grips
     assert one.turn_rad[0] == pytest.approx(TASK.setup.insertion.turn_rad)
     assert one.turn_rad[1] == two.turn_rad[0]
     assert two.turn_rad[1] == pytest.approx(tail_out_rad(TASK.setup) - DRAWN_RAD)
     assert two.turn_rad[1] < tip_in_again_rad(TASK.setup)
-    for grip in pull.grips:
+    for grip in planned.grips:
         assert grip.setup.grasp.holdable
 
 
-@pytest.mark.parametrize("pull", PULLS, ids=str)
-def test_joints_keep_room_and_instruments_stay_out_of_the_tissue(pull):
-    for grip in pull.grips:
+@pytest.mark.parametrize("planned", PULLS, ids=str)
+def test_joints_keep_room_and_instruments_stay_out_of_the_tissue(planned):
+    for grip in planned.grips:
         ways = grip_segments(grip)
         path = np.concatenate([way.q for way in ways])
         assert room_rad(SECOND.model, path).min() > ROOM_RAD
@@ -71,16 +72,16 @@ def test_joints_keep_room_and_instruments_stay_out_of_the_tissue(pull):
         )
 
 
-@pytest.mark.parametrize(("goal", "pull"), list(zip(GOALS, PULLS, strict=True)), ids=str)
-def test_the_second_arm_comes_clear_of_the_first_and_never_closer_than_it_says(goal, pull):
-    coming = capsules(SECOND.model, grip_segments(pull.grips[0])[0].q, JAW_OPEN_RAD).moved(SECOND.T_world_base)
+@pytest.mark.parametrize(("goal", "planned"), list(zip(GOALS, PULLS, strict=True)), ids=str)
+def test_the_second_arm_comes_clear_of_the_first_and_never_closer_than_it_says(goal, planned):
+    coming = capsules(SECOND.model, grip_segments(planned.grips[0])[0].q, JAW_OPEN_RAD).moved(SECOND.T_world_base)
     apart = capsule_distances_m(coming, holding_still(goal)).min()
-    assert APART_M <= pull.apart_m <= apart + 1e-9
+    assert APART_M <= planned.apart_m <= apart + 1e-9
 
 
-@pytest.mark.parametrize("pull", PULLS, ids=str)
-def test_the_jaws_are_where_they_hold_the_needle_all_along(pull):
-    for grip in pull.grips:
+@pytest.mark.parametrize("planned", PULLS, ids=str)
+def test_the_jaws_are_where_they_hold_the_needle_all_along(planned):
+    for grip in planned.grips:
         reach, turned, leave = grip_segments(grip)
         turns = np.linspace(*grip.turn_rad, len(turned.q))
         point = NEEDLE.point_m(np.array([grip.setup.grasp.behind_tip_rad]))
@@ -91,9 +92,9 @@ def test_the_jaws_are_where_they_hold_the_needle_all_along(pull):
         np.testing.assert_allclose(leave.q[0], turned.q[-1], atol=1e-9)
 
 
-@pytest.mark.parametrize("pull", PULLS, ids=str)
-def test_drawn_out_the_whole_needle_is_over_the_tissue(pull):
-    last = pull.grips[-1]
+@pytest.mark.parametrize("planned", PULLS, ids=str)
+def test_drawn_out_the_whole_needle_is_over_the_tissue(planned):
+    last = planned.grips[-1]
     wire = NEEDLE.point_m(np.linspace(0.0, NEEDLE.arc_rad, 60))
     before = last.T_circle_needle(np.array([last.turn_rad[1]])).apply(wire)
     assert before[:, 2].min() < 0.0
@@ -103,6 +104,18 @@ def test_drawn_out_the_whole_needle_is_over_the_tissue(pull):
     np.testing.assert_allclose(tips[0][-1] - tips[0][0], drawn_out_m(last), atol=1e-6)
     assert tips[1][-1][2] > tips[1][0][2] + 0.019
     np.testing.assert_allclose(draw.q[0], grip_segments(last)[1].q[-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("share", [1.02, 1.5])
+def test_a_grip_that_comes_too_near_to_the_first_arm_is_not_taken(share, monkeypatch):
+    """With a larger distance to keep than the best grip's, another one is found, or none."""
+    least_m = share * PULLS[1].apart_m
+    monkeypatch.setattr(pull, "APART_M", least_m)
+    try:
+        found = plan_pull(GOALS[1], SECOND.model, SECOND.T_world_base, FIRST.park_q())
+    except OutOfReach:
+        return
+    assert found.apart_m >= least_m and found.room_rad <= PULLS[1].room_rad
 
 
 def test_an_arm_that_stands_too_far_away_is_refused_in_a_sentence():
