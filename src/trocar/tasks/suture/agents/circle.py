@@ -227,10 +227,7 @@ class CircleSuturing:
         tracker = self.tracker
         if stretch.looks and tracker:
             await tracker.look()
-        held = await self.grip()
-        if not held and tracker:
-            held = await self._grip_again(stretch, tracker)
-        if not held:
+        if not (await self.grip() or (tracker and await self._grip_again(stretch, tracker))):
             await self.hand.jaw(self.settings.jaw_open_rad)
             await self.leave(number, *leaving)
             return missed(number, f"the jaws closed on nothing after {stretch.segment.name}")
