@@ -120,7 +120,7 @@ class RunConfig:
             remedy = "a simulated session fits its own; or name arms with --robot"
             raise InvalidInput(f"--cables {self.cables[0]}", "is of a real arm, and --robot names none", remedy)
         usual = {
-            "station": kind.station,
+            "station": self.task.usual_station,
             "method": next(iter(kind.methods)),
             "planner": method.planner,
             "perception": method.perception,
@@ -314,7 +314,7 @@ class RunConfig:
         )
         usual = RunConfig(kind(**required), method=self.method, seed=self.seed, **where)
         found = {**self._chosen(), "station": self.station, "plugins": self.plugins}
-        ordinary = {**usual._chosen(), "station": kind.station, "plugins": ()} | dict.fromkeys(required)
+        ordinary = {**usual._chosen(), "station": self.task.usual_station, "plugins": ()} | dict.fromkeys(required)
         return {name: value for name, value in found.items() if value != ordinary[name]}
 
     def _chosen(self) -> dict[str, Any]:

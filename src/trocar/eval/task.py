@@ -99,6 +99,11 @@ class Task:
     variant: str = ""
     """Which variant of the task this is, if there are several."""
 
+    @property
+    def usual_station(self) -> str:
+        """Return the name of the station where this variant is done if none is given."""
+        return type(self).station
+
     def options(self) -> dict[str, Any]:
         """Return the options as JSON values: what distinguishes one run of this task from another."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]

@@ -90,7 +90,7 @@ class Film:
             self.show(needle, tip, holds and not in_hand, in_hand)
         return self
 
-    def truth(self):
+    def truth(self, by_two_arms=False):
         count = sum(map(len, self.needles))
         return NeedleTruth(
             TICK_S * np.arange(count),
@@ -99,6 +99,7 @@ class Film:
             np.concatenate(self.gripped),
             np.concatenate(self.in_hand),
             np.array([0.0, -SETUP.needle.radius_m, 0.0]),
+            by_two_arms,
         )
 
     def score(self, *events):
@@ -445,3 +446,18 @@ def test_a_tip_that_trembles_on_the_surface_has_not_gone_in_and_out():
 )
 def test_a_tip_has_gone_in_once_it_was_half_a_millimetre_deep_be_it_in_one_row(heights_mm, rows):
     assert crossings(1e-3 * np.array(heights_mm)[:, None] * [0.0, 0.0, 1.0]) == rows
+
+
+def test_two_arms_have_done_a_suture_only_when_the_second_holds_the_needle_out_of_the_tissue():
+    left = Film().load().drive()
+    (score, *_) = TASK.score(left.truth(by_two_arms=True), [])
+    assert (score.succeeded, score.failure) == (False, "NOT_PULLED")
+    assert TASK.score(left.truth(), [])[0].succeeded
+    (score, *_) = TASK.score(left.load().truth(by_two_arms=True), [])
+    assert score.succeeded
+
+
+def test_what_the_script_says_of_a_pull_that_failed_comes_before_what_the_referee_saw():
+    said = note("NEEDLE_DROPPED", reason="the second arm lost the needle")
+    (score, *_) = TASK.score(Film().load().drive().truth(by_two_arms=True), [said])
+    assert (score.failure, score.reason) == ("NEEDLE_DROPPED", "the second arm lost the needle")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.lab.flaws import Difficulty
@@ -62,7 +62,7 @@ def test_a_plan_of_ones_own_is_driven_in_its_setup(tmp_path):
     station = task.at(STATION)
     assert np.array_equal(station.arms["psm1"].T_world_base.matrix, (MOVED @ SETUP.T_world_base).matrix)
     scene, arm = task.scene(np.random.default_rng(0), station)
-    assert scene.circle_radius_m == 0.025 and arm == "psm1"
+    assert scene.circle_radius_m == 0.025 and arm == ("psm1",)
     box = task.calibration(station, "psm1")
     for suture in task.goals():
         q = np.concatenate([piece.q for piece in suture_segments(suture)])
@@ -108,6 +108,7 @@ def test_the_station_of_the_task_is_that_of_its_default_plan():
 
 def test_the_options_hold_all_of_a_plan_for_its_file_may_change(tmp_path):
     assert json.loads(json.dumps(TASK.options())) == {
+        "variant": "single-arm",
         "preset": "default",
         "direction": "best",
         "sutures": 4,
@@ -162,3 +163,30 @@ def test_a_setup_file_is_a_preset_whose_content_is_kept(tmp_path):
 def test_a_plan_for_another_arm_is_refused_where_the_station_has_none():
     with pytest.raises(TrocarError, match=r"preset 'default' is for 'psm-classic', but arm 'left'.*'raven2-left'"):
         TASK.at(load_station("raven-pair"))
+
+
+def test_two_arms_work_where_a_second_arm_and_a_stand_are():
+    task = CircleSutures(variant="two-arms")
+    assert (TASK.usual_station, task.usual_station) == ("suture", "suture-pair")
+    station = task.at(load_station(task.usual_station))
+    assert task.working_arms(station) == ("psm1", "psm2") and TASK.working_arms(station) == ("psm1",)
+    alone, pair = TASK.scene(np.random.default_rng(0), TASK.at(STATION)), task.scene(np.random.default_rng(0), station)
+    assert alone[0].T_world_stand is None and pair[0].T_world_stand == station.T_world_fixture["stand"]
+    with pytest.raises(InvalidInput, match="'suture' has one arm, and suture --variant two-arms needs two"):
+        task.at(STATION)
+    bare = replace(station, T_world_fixture={"circle": station.T_world_fixture["circle"]})
+    with pytest.raises(InvalidInput, match="no fixture 'stand', which suture --variant two-arms needs"):
+        task.at(bare)
+    with pytest.raises(InvalidInput, match=r"variant of suture 'no-arm' is unknown; .*choose one of single-arm, two"):
+        CircleSutures(variant="no-arm")
+
+
+def test_both_arms_are_calibrated_where_they_work():
+    task = CircleSutures(variant="two-arms")
+    station = task.at(load_station(task.usual_station))
+    first, second = task.plan_with(station).joints()
+    for arm, joints in (("psm1", first), ("psm2", second)):
+        box = task.calibration(station, arm)
+        assert (joints.min(0) >= box.lower).all() and (joints.max(0) <= box.upper).all()
+    alone = TASK.calibration(TASK.at(STATION), "psm1")
+    assert (task.calibration(station, "psm1").upper >= alone.upper).all()

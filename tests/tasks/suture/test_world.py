@@ -14,12 +14,13 @@ from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.world import World
 from trocar.tasks.suture.agents.circle import LOAD
+from trocar.tasks.suture.stand import T_stand_needle
 from trocar.tasks.suture.task import CircleSutures
 from trocar.tasks.suture.world import DRAG_NS_M, LOADING_S, SutureWorld
 
 TASK = CircleSutures(sutures=1)
 STATION = TASK.at(mild("suture"))
-SCENE, ARM = TASK.scene(np.random.default_rng(0), STATION)
+SCENE, (ARM,) = TASK.scene(np.random.default_rng(0), STATION)
 LIMITS = MOTION_LIMITS["dvrk"]
 CLOSED, OPEN = -0.17, 0.4
 
@@ -72,7 +73,7 @@ def test_jaws_hold_a_loaded_needle_through_fast_motions_by_friction(lab):
 def test_a_person_loads_it_beside_the_agreed_place_and_each_time_elsewhere():
     station = replace(STATION, difficulty=Difficulty.of("mild", ["needle=2"]))
     task = CircleSutures(sutures=2)
-    scene, arm = task.scene(np.random.default_rng(3), station)
+    scene, (arm,) = task.scene(np.random.default_rng(3), station)
     day = ideal_session(STATION, LIMITS)
     lab, off = SimLaboratory(day, SutureWorld(scene, arm), np.random.default_rng(0), flaws=SensorFlaws.none()), []
 
@@ -165,3 +166,35 @@ def test_the_phantom_bears_its_weight(lab):
     for _ in range(500):
         lab.world.step(2)
     assert np.linalg.norm(lab.world.free_pose("needle").translation_m - before) < 1e-6
+
+
+def test_the_stand_holds_a_needle_about_as_agreed_until_jaws_lift_it_out():
+    task = CircleSutures(variant="two-arms", sutures=1)
+    station = task.at(mild(task.usual_station))
+    scene, arms = task.scene(np.random.default_rng(0), station)
+    lab = SimLaboratory(
+        ideal_session(station, LIMITS), task.world((scene, arms)), np.random.default_rng(0), flaws=SensorFlaws.none()
+    )
+    assert lab.cell.assistants == {}, "nobody helps two arms"
+    take, lift = task.plan_with(station).stand
+    stood = station.T_world_fixture["stand"] @ T_stand_needle(scene.needle)
+    begun, ended = [], []
+
+    async def script(cell):
+        await cell.clock.sleep(0.5)
+        begun.append(lab.world.free_pose("needle"))
+        await cell.robot.jaw(arms[0], OPEN)
+        for q in (take.q[0], take.q[-1]):
+            await cell.robot.move({arms[0]: rest_to_rest(cell.robot.setpoint(arms[0]).q, q, LIMITS)})
+        await cell.robot.jaw(arms[0], CLOSED)
+        q = cell.robot.setpoint(arms[0]).q
+        await cell.robot.move({arms[0]: rest_to_rest(q, lift.q[-1], LIMITS)})
+        ended.append(lab.world.free_pose("needle"))
+
+    assert lab.run(script, 60.0)
+    assert np.linalg.norm((stood.inverse() @ begun[0]).log()) < 1e-3
+    risen = ended[0].translation_m - stood.translation_m
+    np.testing.assert_allclose(risen, [0.0, 0.0, 0.020], atol=1e-3)
+    truth = lab.truth()
+    assert truth.by_two_arms and truth.in_hand[0] and not truth.in_hand[-1]
+    assert truth.gripped[-1] and not truth.gripped[0]

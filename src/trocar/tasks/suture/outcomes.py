@@ -13,4 +13,7 @@ class SutureOutcome(Outcome):
     NEEDLE_MISSED = "the jaws closed on nothing where the needle should have been"
     NEEDLE_SLIPPED = "the needle moved in the closed jaws"
     OFF_TARGET = "the needle went in or came out too far from where it was planned"
+    NOT_PULLED = "the needle came out where it should, but the second arm did not pull it through"
+    NEEDLE_DROPPED = "the jaws that held the needle lost it"
+    HANDOVER_REFUSED = "the jaws closed on nothing where the other arm held the needle out"
     NOT_DRIVEN = "no needle went in there"

@@ -54,6 +54,8 @@ MARGIN_M = 2.5e-3
 """At least so much about the needle is read: the floor's colour is taken from there."""
 BEHIND_M = 1.5e-3
 """A ray that ends this far behind the wire passed it."""
+FAR_BEHIND_M = 4.0e-3
+"""Steel that is seen this far behind the wire is not the wire, but an instrument."""
 OVER_FLOOR_M = 0.7e-3
 """Points lower than this over the floor are not on a needle."""
 ON_FLOOR_M = 1.0e-3
@@ -327,7 +329,8 @@ def gather_evidence(
     if occluders is not None:
         ours[ours] = clear(occluders, rays[ours], z_near[ours])
     shows_floor, shows_steel = colors(patches[0], T_floor)
-    through = ours & shows_steel
+    far_behind = np.nan_to_num(depth, nan=-np.inf).max(axis=0) > z_near + FAR_BEHIND_M
+    through = ours & shows_steel & ~far_behind
     if through.sum() < FEWEST:
         return None
     points = (rays * depth[..., None])[:, through].reshape(-1, 3)

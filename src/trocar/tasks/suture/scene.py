@@ -1,4 +1,4 @@
-"""A phantom with a circle drawn on it, and a needle: simulator truth."""
+"""A phantom with a circle drawn on it, a needle, and the stand of a needle: simulator truth."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LONGEST_CHORD_RAD = np.radians(10.0)
 """Longest chord of the polygon that approximates the wire: .03 mm off the arc at a needle radius of 8 mm."""
 NEEDLE = Flaw(
     "needle",
-    "place of a needle that a person loads against the agreed one (1 x: SD of .3 mm on each axis, 3 deg about it)",
+    "place of a needle that a person loads or sets up against the agreed one (1 x: SD .3 mm on each axis, 3 deg)",
     "",
     (0.0003, 0.0524),
     (0.0, 0.0),
@@ -27,7 +27,7 @@ NEEDLE = Flaw(
 
 @dataclass(frozen=True)
 class SutureScene:
-    """A flat phantom, and a needle that a person places between the open jaws.
+    """A flat phantom, and a needle that a person places between the open jaws, or that stands beside the circle.
 
     Attributes:
         T_world_circle: pose of the circle: z out of the phantom's surface, origin at the circle's centre.
@@ -35,6 +35,7 @@ class SutureScene:
         needle: the needle.
         T_tip_needle: agreed pose of the needle in the arm's tip when it is placed.
         T_needle_loaded: where a person truly places it, one pose for each time, in turn.
+        T_world_stand: of the stand that holds the needle at first; None: a person does, and loads it.
     """
 
     T_world_circle: SE3
@@ -42,6 +43,7 @@ class SutureScene:
     needle: Needle
     T_tip_needle: SE3
     T_needle_loaded: tuple[SE3, ...] = (SE3.identity(),)
+    T_world_stand: SE3 | None = None
 
     @property
     def wire_points_m(self) -> NDArray[np.float64]:

@@ -37,9 +37,11 @@ class NeedleTruth:
         times_s: (n,) trial clock.
         T_circle_needle: (n,) poses in the circle's frame.
         T_circle_tip: (n,) poses of the arm's true tip in the circle's frame.
-        gripped: (n,) whether both fingers of the arm press on the needle.
-        in_hand: (n,) whether a person holds it.
+        gripped: (n,) whether both fingers of the arm press on the needle, and no other arm's do.
+        in_hand: (n,) whether it is held ready for this arm: by a person, or, out of the tissue, by a second arm or a
+            stand.
         p_needle_tip_m: (3,) the needle's tip in its own frame.
+        by_two_arms: whether a second arm has to pull the needle through.
     """
 
     times_s: NDArray[np.float64]
@@ -48,6 +50,7 @@ class NeedleTruth:
     gripped: NDArray[np.bool_]
     in_hand: NDArray[np.bool_]
     p_needle_tip_m: NDArray[np.float64]
+    by_two_arms: bool = False
 
     @property
     def p_circle_needle_tip_m(self) -> NDArray[np.float64]:
@@ -84,11 +87,11 @@ class SutureScore(Score):
 
 @dataclass(frozen=True)
 class Loading:
-    """What happened to the needle between two times that a person held it: rows of the truth.
+    """What happened to the needle between two times that it was held ready: rows of the truth.
 
     Attributes:
-        first: row at which the person let go.
-        last: row before the next time that a person holds it, or the last of all.
+        first: row from which this arm had it.
+        last: row before the next time that it is held ready, or the last of all.
         entry: row before the tip goes in; None if it never does.
         exit: row before it comes out again; None if it does not.
     """
@@ -110,7 +113,7 @@ def score_sutures(
 
 
 def loadings_of(truth: NeedleTruth, tips_m: NDArray[np.float64]) -> list[Loading]:
-    """Return what happened to the needle, from one time that a person held it to the next."""
+    """Return what happened to the needle, from one time that it was held ready to the next."""
     free = np.flatnonzero(~truth.in_hand)
     if not len(free):
         return []
@@ -180,8 +183,12 @@ def _score(
     on_target = entry is not None and entry <= ON_TARGET_M
     on_target &= suture.exit_m is None or (exit_ is not None and exit_ <= ON_TARGET_M)
     held = slipped[0] <= SLIP_M and slipped[1] <= SLIP_RAD
-    succeeded = on_target and held
-    failure, reason = ("", "") if succeeded else _why(noted, loading, held, events)
+    pulled = not truth.by_two_arms or (loading is not None and loading.last + 1 < len(truth.in_hand))
+    succeeded = on_target and held and pulled
+    wrong = SutureOutcome.NEEDLE_SLIPPED
+    if held:
+        wrong = SutureOutcome.NOT_PULLED if on_target else SutureOutcome.OFF_TARGET
+    failure, reason = ("", "") if succeeded else _why(noted, loading, wrong, events)
     end = float(truth.times_s[-1])
     start_s, end_s = driven or (end, end)
     if noted is not None:
@@ -207,13 +214,12 @@ def _score(
 
 
 def _why(
-    noted: Mapping[str, Any] | None, loading: Loading | None, held: bool, events: Sequence[Mapping[str, Any]]
+    noted: Mapping[str, Any] | None, loading: Loading | None, wrong: SutureOutcome, events: Sequence[Mapping[str, Any]]
 ) -> tuple[str, str]:
-    """Return the name of the failure, and a sentence: the script's own if it gave one, else from the truth."""
+    """Return the name of the failure, and a sentence: the script's own if it gave one, else ``wrong``, from truth."""
     said = agent_explanation(noted, events)
     if said is not None:
         return said
-    wrong = SutureOutcome.OFF_TARGET if held else SutureOutcome.NEEDLE_SLIPPED
     outcome = SutureOutcome.NOT_DRIVEN if loading is None else wrong
     return outcome.name, outcome.value
 

@@ -31,6 +31,7 @@ from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.planning.settings import preset_of
 from trocar.tasks.suture.planning.summary import plan_out_of_reach
+from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_two_arms
 from trocar.tasks.suture.scene import NEEDLE, SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
 
@@ -43,9 +44,16 @@ PRESET, DIRECTION, SUTURES = "default", "best", 4
 """The default plan."""
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
 """How far the calibration's motion goes beyond the plan's joints, rad and m, to leave room for corrections."""
-_AGENT = "trocar.tasks.suture.agents.circle"
-_LOOKING = {"agent": Lazy(f"{_AGENT}:CircleSuturing"), "settings": Lazy(f"{_AGENT}:Settings"), "stop_at_limits": True}
-_BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENT}:blind")}
+SINGLE, TWO = "single-arm", "two-arms"
+STATIONS = {SINGLE: "suture", TWO: "suture-pair"}
+"""Variants, and where each is done if no station is given."""
+_AGENTS = "trocar.tasks.suture.agents"
+_LOOKING = {
+    "agent": Lazy(f"{_AGENTS}:agent_of"),
+    "settings": Lazy(f"{_AGENTS}.circle:Settings"),
+    "stop_at_limits": True,
+}
+_BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENTS}.circle:blind")}
 _WORLD = Lazy("trocar.tasks.suture.world:SutureWorld")
 
 
@@ -53,6 +61,11 @@ _WORLD = Lazy("trocar.tasks.suture.world:SutureWorld")
 class CircleSutures(Task):
     """The best even plan of a preset, or any plan that is given."""
 
+    variant: str = option(
+        SINGLE,
+        "Who does it: one arm, for which a person loads the needle and pulls it out, or two arms and no person.",
+        choices=tuple(STATIONS),
+    )
     preset: str | None = option(
         None,
         f"Setup and reward of the plan: {', '.join(PRESETS)}, or a setup file (.toml) (default: {PRESET}).",
@@ -78,7 +91,6 @@ class CircleSutures(Task):
     name = "suture"
     about = "sutures round a circle, driven as planned (Thananjeyan et al. 2019)"
     goal_noun = "suture"
-    variant = "single-arm"
     station = "suture"
     methods: ClassVar = {
         "calibrated": Method(
@@ -92,6 +104,8 @@ class CircleSutures(Task):
     report = Lazy("trocar.tasks.suture.report.driven_sutures:SutureReport")
 
     def __post_init__(self) -> None:
+        if self.variant not in STATIONS:
+            raise UnknownName("variant of suture", self.variant, STATIONS)
         if self.planned:
             for what, value in (("preset", self.preset), ("direction", self.direction)):
                 if value is not None:
@@ -151,8 +165,24 @@ class CircleSutures(Task):
         best = plan_even(dexterity(self.setup, self._chosen.reward, 360 - 360 % count), count)
         return PlannedSutures(self.setup, best.positions_rad, best.directions)
 
+    @property
+    def usual_station(self) -> str:
+        """Return the station of the variant."""
+        return STATIONS[self.variant]
+
+    @property
+    def with_two_arms(self) -> bool:
+        """Return whether a second arm pulls the needle through."""
+        return self.variant == TWO
+
+    def working_arms(self, station: Station) -> tuple[str, ...]:
+        """Return the first arm, or the first two."""
+        return tuple(station.arms)[: 2 if self.with_two_arms else 1]
+
     def at(self, station: Station) -> Station:
-        """Return the station with the circle and the working arm's base where the plan has them."""
+        """Return the station with the circle and the driving arm's base where the plan has them."""
+        if self.with_two_arms:
+            self._require_pair(station)
         name = self.working_arms(station)[0]
         arm = station.arm(name)
         if arm.model.name != self.setup.arm.name:
@@ -162,6 +192,13 @@ class CircleSutures(Task):
         arms = dict(station.arms) | {name: replace(arm, T_world_base=self.setup.T_world_base)}
         fixtures = dict(station.T_world_fixture) | {"circle": self.setup.circle.T_world_circle}
         return replace(station, arms=arms, T_world_fixture=fixtures)
+
+    def _require_pair(self, station: Station) -> None:
+        there = f"station {station.name!r}"
+        if len(station.arms) < 2:
+            raise InvalidInput(there, f"has one arm, and suture --variant {TWO} needs two", "add one")
+        if "stand" not in station.T_world_fixture:
+            raise InvalidInput(there, f"has no fixture 'stand', which suture --variant {TWO} needs", "add it")
 
     def goals(self) -> tuple[Suture, ...]:
         """Return the sutures of the plan, in the forced direction if there is one."""
@@ -174,8 +211,12 @@ class CircleSutures(Task):
         Raises:
             OutOfReach: the plan is, and leaves no room to move in.
         """
-        q = np.concatenate([segment.q for suture in self.goals() for segment in suture_segments(suture)])
-        model = self.setup.arm
+        ways = [segment.q for suture in self.goals() for segment in suture_segments(suture)]
+        if self.with_two_arms:
+            first, second = self.plan_with(station).joints()
+            ways = [second] if arm != self.working_arms(station)[0] else [*ways, first]
+        q = np.concatenate(ways)
+        model = station.arm(arm).model
         inside = (model.lower + 1e-3, model.upper - 1e-3)
         q = q[np.isfinite(q).all(1)]
         lower = np.clip(q.min(0, initial=np.inf) - ROOM, *inside)
@@ -184,17 +225,32 @@ class CircleSutures(Task):
             raise OutOfReach(plan_out_of_reach(self.plan.sutures), arm=arm)
         return MotionBox(lower, upper, PSM1_BOX.step)
 
-    def scene(self, rng: np.random.Generator, station: Station) -> tuple[SutureScene, str]:
-        """Return the phantom where the plan expects it, how a person loads the needle, and the arm that drives."""
+    def plan_with(self, station: Station) -> TwoArmPlan:
+        """Return what two arms do between the sutures, in a station as :meth:`at` returns it.
+
+        Raises:
+            OutOfReach: an arm cannot do its part.
+        """
+        first, second = (station.arm(name) for name in self.working_arms(station))
+        setup = replace(self.setup, T_world_base=first.T_world_base)
+        sutures = [replace(suture, setup=setup) for suture in self.goals()]
+        puller = SecondArm(second.model, second.T_world_base, second.park_q())
+        cameras = [camera.T_world_camera for camera in station.cameras.values()]
+        return plan_two_arms(sutures, first.park_q(), puller, station.T_world_fixture["stand"], cameras)
+
+    def scene(self, rng: np.random.Generator, station: Station) -> tuple[SutureScene, tuple[str, ...]]:
+        """Return the phantom where the plan expects it, how a person places the needle, and the arms that work."""
         sd = np.repeat(station.difficulty.values(NEEDLE), 3)
         loaded = tuple(SE3.exp(sd * rng.standard_normal(6)) for _ in self.goals())
         T_world_circle, T_tip_needle = station.T_world_fixture["circle"], grasp_pose(self.setup).inverse()
-        scene = SutureScene(T_world_circle, self.setup.circle.radius_m, self.setup.needle, T_tip_needle, loaded)
-        return scene, self.working_arms(station)[0]
+        stand = station.T_world_fixture["stand"] if self.with_two_arms else None
+        circle = (T_world_circle, self.setup.circle.radius_m)
+        return SutureScene(*circle, self.setup.needle, T_tip_needle, loaded, stand), self.working_arms(station)
 
-    def world(self, scene: tuple[SutureScene, str]) -> TaskWorld:
+    def world(self, scene: tuple[SutureScene, tuple[str, ...]]) -> TaskWorld:
         """Return phantom, needle and referee."""
-        return _WORLD.load()(*scene)
+        lies, arms = scene
+        return _WORLD.load()(lies, *arms)
 
     def score(self, truth: NeedleTruth, events: Sequence[Mapping[str, Any]]) -> list[SutureScore]:
         """Return one score for each suture of the plan."""

@@ -22,6 +22,7 @@ from trocar.sim.spec import INTANGIBLE, SOLID, digits, placed
 from trocar.sim.world import TaskWorld, World
 from trocar.tasks.suture.scene import SutureScene
 from trocar.tasks.suture.score import NeedleTruth
+from trocar.tasks.suture.stand import STAND_M, T_stand_needle
 
 PHANTOM_RGB = (0.86, 0.64, 0.55)
 NEEDLE_RGB = (0.75, 0.77, 0.80)
@@ -49,7 +50,7 @@ LET_GO_N = 1.0
 
 
 def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
-    """Add the phantom, visible but without collisions, the circle's marks, and the needle as a free body."""
+    """Add phantom and stand, visible but without collisions, the circle's marks, and the needle as a free body."""
     width, depth, thickness = PHANTOM_M
     world = spec.worldbody
     phantom = world.add_body(name="phantom", **placed(scene.T_world_circle))
@@ -63,6 +64,11 @@ def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
     for index, angle in enumerate(np.linspace(0.0, TURN, MARKS, endpoint=False)):
         at = SE3.from_parts(SO3.axis("z", angle)) @ SE3.from_parts(translation_m=[scene.circle_radius_m, 0.0, 0.0])
         phantom.add_geom(name=f"mark{index}", **dash, **placed(at), **INTANGIBLE)
+    if scene.T_world_stand is not None:
+        stand = world.add_body(name="stand", **placed(scene.T_world_stand))
+        half = (STAND_M[0] / 2, STAND_M[1] / 2, STAND_M[2] / 2)
+        box = {"type": mjtGeom.mjGEOM_BOX, "size": digits(half), "pos": digits((0, 0, -half[2]))}
+        stand.add_geom(name="stand", rgba=(*PHANTOM_RGB, 1), **box, **INTANGIBLE)
     needle = world.add_body(name="needle", **placed(scene.T_world_circle @ SE3.from_parts(translation_m=ASIDE_M)))
     needle.add_freejoint(name="needle")
     wire = {"type": mjtGeom.mjGEOM_CAPSULE, "size": digits((scene.needle.wire_m / 2, 0, 0)), "rgba": (*NEEDLE_RGB, 1)}
@@ -71,14 +77,19 @@ def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
 
 
 class SutureWorld(TaskWorld):
-    """A phantom that collides with nothing, and a needle held by jaws, phantom, or a person.
+    """A phantom that collides with nothing, and a needle held by jaws, phantom, stand, or a person.
+
+    Args:
+        scene: what lies there.
+        arm: that drives the needle.
+        second: that pulls it through and hands it back; empty: a person does, and loads it.
 
     Attributes:
         in_hand: whether a person holds the needle.
     """
 
-    def __init__(self, scene: SutureScene, arm: str):
-        self._scene, self._arm = scene, arm
+    def __init__(self, scene: SutureScene, arm: str, second: str = ""):
+        self._scene, self._arm, self._second = scene, arm, second
         self._loads = cycle(scene.T_needle_loaded)
         self._noted_gripped: list[bool] = []
         self._noted_in_hand: list[bool] = []
@@ -88,9 +99,10 @@ class SutureWorld(TaskWorld):
         add_phantom(spec, self._scene)
 
     def start(self, world: World) -> None:
-        """Put the needle into a person's hand."""
+        """Put the needle into a person's hand, or into its stand."""
         self._world = world
-        self._up, self._height_m = np.split(self._scene.T_world_circle.inverse().matrix[2], [3])  # over the phantom
+        self._circle_world, stand = self._scene.T_world_circle.inverse().matrix, self._scene.T_world_stand
+        self._stand_world = None if stand is None else stand.inverse().matrix
         self._wire_m = self._scene.wire_points_m
         joint = world.model.joint("needle")
         self._body = world.model.body("needle").id
@@ -103,24 +115,32 @@ class SutureWorld(TaskWorld):
         self._drag = DRAG_NS_M * share
         self._is_needle = np.isin(np.arange(world.model.ngeom), world.geoms("needle_"))
         self.in_hand, self._hand = True, world.data.qpos[self._qpos].copy()
+        if self._scene.T_world_stand is not None:
+            T = self._scene.T_world_stand @ T_stand_needle(self._scene.needle) @ next(self._loads)
+            self.in_hand, world.data.qpos[self._qpos] = False, _pose7(T)
 
     def act(self) -> None:
         """Hold the needle for the next steps of the physics, where the jaws do not."""
         data = self._world.data
-        if self.in_hand and self._gripped():
+        if self.in_hand and self._gripped(self._arm):
             self.in_hand = False
         if self.in_hand:
             data.qpos[self._qpos] = self._hand
             data.qvel[self._dof] = 0.0
-        held = self.in_hand or self._inserted()
+        held = self.in_hand or self._inserted() or self._stands()
         self._world.model.dof_damping[self._dof] = self._drag if held else 0.0
         self._world.model.body_gravcomp[self._body] = float(held)
 
     def observe(self, time_s: float) -> None:
         """Note who holds the needle."""
         del time_s
-        self._noted_gripped.append(self._gripped())
-        self._noted_in_hand.append(self.in_hand)
+        gripped, in_hand = self._gripped(self._arm), self.in_hand
+        if self._second:
+            by_second = self._gripped(self._second)
+            gripped &= not by_second
+            in_hand = not self._inserted() and (by_second or self._stands())
+        self._noted_gripped.append(gripped)
+        self._noted_in_hand.append(in_hand)
 
     def truth(self, record: Record) -> NeedleTruth:
         """Return needle and tip in the circle's frame, and who held the needle."""
@@ -132,6 +152,7 @@ class SutureWorld(TaskWorld):
             gripped=np.array(self._noted_gripped),
             in_hand=np.array(self._noted_in_hand),
             p_needle_tip_m=self._scene.needle.p_tip_m,
+            by_two_arms=bool(self._second),
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:
@@ -140,8 +161,8 @@ class SutureWorld(TaskWorld):
         return {"T_world_circle": self._scene.T_world_circle.matrix}
 
     def assistants(self) -> Mapping[str, Any]:
-        """Return the person who loads the needle, wherever the jaws truly are."""
-        return {"load needle": self._load}
+        """Return the person who loads the needle, wherever the jaws truly are; nobody, if two arms sew."""
+        return {} if self._second else {"load needle": self._load}
 
     async def _load(self, arm: str) -> None:
         """Put the needle between the open jaws, about in the agreed grasp, and hold it there until they close."""
@@ -149,24 +170,36 @@ class SutureWorld(TaskWorld):
         world = self._world
         T_world_tip = world.T_world_base[arm] @ fk(world.models[arm], world.joints(arm))
         T_world_needle = T_world_tip @ self._scene.T_tip_needle @ next(self._loads)
-        self._hand = np.append(T_world_needle.translation_m, T_world_needle.rotation.as_quaternion())
+        self._hand = _pose7(T_world_needle)
         self.in_hand = True
 
     def _inserted(self) -> bool:
         """Return whether a part of the wire is below the phantom's surface."""
+        return bool((self._wire_in(self._circle_world)[:, 2] < 0.0).any())
+
+    def _stands(self) -> bool:
+        """Return whether a part of the wire is in the stand's foam."""
+        if self._stand_world is None:
+            return False
+        p, (width, depth, height) = self._wire_in(self._stand_world), STAND_M
+        inside = (np.abs(p[:, 0]) < width / 2) & (np.abs(p[:, 1]) < depth / 2) & (p[:, 2] < 0) & (p[:, 2] > -height)
+        return bool(inside.any())
+
+    def _wire_in(self, T_frame_world: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the wire's points (n, 3) in a frame, given as a matrix."""
         qpos, R_world_needle = self._world.data.qpos[self._qpos], np.empty(9)
         mujoco.mju_quat2Mat(R_world_needle, qpos[3:])
-        heights_m = self._wire_m @ (self._up @ R_world_needle.reshape(3, 3)) + self._up @ qpos[:3] + self._height_m
-        return bool((heights_m < 0.0).any())
+        world_m = self._wire_m @ R_world_needle.reshape(3, 3).T + qpos[:3]
+        return world_m @ T_frame_world[:3, :3].T + T_frame_world[:3, 3]
 
-    def _gripped(self) -> bool:
-        """Return whether both fingers of the arm press on the needle."""
+    def _gripped(self, arm: str) -> bool:
+        """Return whether both fingers of an arm press on the needle."""
         data = self._world.data
         pairs = data.contact.geom[: data.ncon]
         needle = np.asarray(self._is_needle[pairs].any(1))
         if not needle.any():
             return False
-        return all(self._press_n(finger, pairs, needle) > LET_GO_N for finger in self._world.arms[self._arm].fingers)
+        return all(self._press_n(finger, pairs, needle) > LET_GO_N for finger in self._world.arms[arm].fingers)
 
     def _press_n(self, finger: int, pairs: NDArray[np.int32], needle: NDArray[np.bool_]) -> float:
         """Return the force with which a finger presses on the needle."""
@@ -175,3 +208,8 @@ class SutureWorld(TaskWorld):
             mujoco.mj_contactForce(self._world.model, self._world.data, int(contact), force)
             total += force[0]
         return total
+
+
+def _pose7(T: SE3) -> NDArray[np.float64]:
+    """Return position and quaternion (7,), as MuJoCo has them."""
+    return np.append(T.translation_m, T.rotation.as_quaternion())

@@ -14,7 +14,8 @@ from trocar.lab import load_station
 from trocar.motion import PLANNERS
 from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings, blind
-from trocar.tasks.suture.agents.needle_tracker import Aim, stretches
+from trocar.tasks.suture.agents.needle_estimator import DOUBT, NeedleEstimate
+from trocar.tasks.suture.agents.needle_tracker import FINDING_LOOKS, Aim, stretches
 from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.score import score_sutures
@@ -128,15 +129,15 @@ def test_a_needle_that_is_not_seen_in_the_jaws_is_loaded_anew(seen, anew):
         return True
 
     async def look(stretch, tracker):
-        tracker._seen = seen
+        tracker.seen = seen
 
-    agent._load, agent._look = load, look
+    agent._load, agent.look = load, look
     agent.tracker.loaded()
     approach = next(s for s in stretches(suture_segments(GOALS[0]), TASK.setup) if s.segment.name == "approach")
 
     async def script(cell):
-        await agent._look(approach, agent.tracker)
-        await agent._reload(approach, agent.tracker)
+        await agent.look(approach, agent.tracker)
+        assert await agent.check_needle(0, approach, agent.tracker) is None
 
     lab.run(script, 10.0)
     assert len(loadings) == anew
@@ -151,3 +152,54 @@ def test_without_a_look_the_way_is_the_planned_one():
         np.testing.assert_allclose(
             fk(TASK.setup.arm, way.q).matrix, fk(TASK.setup.arm, stretch.segment.q).matrix, atol=1e-9
         )
+
+
+SURE = np.diag(np.repeat([0.2e-3, 0.01], 3) ** 2)
+
+
+def test_a_way_to_a_needle_that_rests_elsewhere_is_moved_with_it():
+    tracker, way = agent_in(laboratory(), Settings()).tracker, suture_segments(GOALS[0])[1]
+    planned = TASK.setup.T_base_circle @ SE3.from_parts(translation_m=[0.02, 0.0, 0.01])
+    off = SE3.exp([0.5e-3, -0.4e-3, 0.3e-3, 0.05, -0.02, 0.03])
+    tracker.rests(NeedleEstimate(planned @ off, SURE))
+    moved = fk(TASK.setup.arm, tracker.towards_needle(way, planned).q)
+    wanted = planned @ off @ planned.inverse() @ fk(TASK.setup.arm, way.q)
+    np.testing.assert_allclose(moved.matrix, wanted.matrix, atol=1e-9)
+    assert not tracker.seen
+
+
+def test_a_needle_that_is_taken_lies_in_the_jaws_as_it_did_where_it_rested():
+    agent = agent_in(laboratory(), Settings())
+    tracker, q = agent.tracker, agent.hand.q
+    off = SE3.exp([0.0, 0.2e-3, 0.0, 0.0, 0.0, 0.01])  # flat jaws would not straighten this
+    resting = fk(TASK.setup.arm, q) @ grasp_pose(TASK.setup).inverse() @ off
+    tracker.rests(NeedleEstimate(resting, SURE))
+    tracker.took(TASK.setup)
+    away = (resting.inverse() @ tracker.needle.T_base_needle).log()
+    assert np.abs(away[:3]).max() < 0.3e-3 and np.abs(away[3:]).max() < 0.03
+    way = tracker.with_needle(replace(suture_segments(GOALS[0])[1], q=np.repeat(q[None], 2, axis=0)))
+    held = tracker.estimator.tip(fk(TASK.setup.arm, way.q[-1])) @ tracker.estimator.T_tip_needle
+    planned = fk(TASK.setup.arm, q) @ grasp_pose(TASK.setup).inverse()
+    np.testing.assert_allclose(held.matrix, planned.matrix, atol=1e-4)
+
+
+@pytest.mark.parametrize(("seen_at", "looks"), [(1, 1), (2, 2), (9, FINDING_LOOKS)])
+def test_a_needle_is_looked_for_less_certainly_each_time_until_it_is_seen(seen_at, looks):
+    lab = laboratory()
+    tracker = agent_in(lab, Settings()).tracker
+    tracker.rests(NeedleEstimate(TASK.setup.T_base_circle, SURE))
+    sureness, found = [], []
+
+    async def look():
+        sureness.append(tracker.needle.covariance[0, 0] / SURE[0, 0])
+        tracker.seen = len(sureness) == seen_at
+        return False
+
+    tracker.look = look
+
+    async def script(cell):
+        found.append(await tracker.find())
+
+    lab.run(script, 10.0)
+    assert found == [looks == seen_at]
+    np.testing.assert_allclose(sureness, DOUBT ** np.arange(looks))

@@ -169,6 +169,21 @@ def test_what_lies_far_enough_behind_the_wire_was_seen_past_it_whatever_its_colo
     assert bare is not None and len(bare.past) > 0.9 * cloth.sum()
 
 
+@pytest.mark.parametrize(("behind_m", "is_taken"), [(3.0e-3, True), (5.5e-3, False)])
+def test_steel_far_behind_the_wire_is_an_instrument_and_no_part_of_the_wire(behind_m, is_taken):
+    """All that surrounds the wire is of steel; it is not seen past the wire either, for steel has no floor's colour."""
+    steel = (IMAGE.color == STEEL_RGB).all(axis=2)
+    wire_depth, apart = along_rays(pixel_rays(LENS).reshape(-1, 3), TRUE, ARC, NEAR_M)
+    plate = ~steel & (apart < NEAR_M).reshape(steel.shape)
+    depth = np.where(plate, wire_depth.reshape(steel.shape) + behind_m, IMAGE.depth_m).astype(np.float32)
+    found = seen(
+        [replace(IMAGE, color=np.where(plate[..., None], STEEL_RGB, IMAGE.color).astype(np.uint8), depth_m=depth)]
+    )
+    plain = seen()
+    assert found is not None and plain is not None and len(found.past) == 0
+    assert len(found.through) == len(plain.through) + (plate.sum() if is_taken else 0)
+
+
 def test_points_on_something_else_say_nothing():
     found = seen(occluders=lambda points: np.linalg.norm(points - TRUE.apply(ARC.point_m(np.ones(1))), axis=1) - 2e-3)
     everything = seen()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from trocar.arms import MOTION_LIMITS, MotionLimits
+from trocar.cell import Cell
 from trocar.errors import InvalidInput, MotionRefused
 from trocar.eval import AgentContext
 from trocar.robots.arm_script import ArmScript
@@ -63,12 +64,14 @@ class Settings:
 
     Attributes:
         planning_budget_s: declared for the joint paths of a suture.
+        two_arms_budget_s: declared for what two arms do between the sutures, once a trial.
         settle_s: rest after a motion before the jaws act.
         driving_speed_m_s: mean speed of the jaws along the primitive, m/s; slow enough for the cables to take up their
             play before the needle's next movement.
         entry_speed_m_s: the same where the tip goes in, after the last looks.
         exit_speed_m_s: likewise where it comes out.
         travel_speed_m_s: mean speed on the way in and out, m/s.
+        pulling_speed_m_s: mean speed at which a second arm pulls the needle through, m/s.
         jaw_open_rad: opening that clears the wire.
         jaw_closed_rad: target that lets the drive press.
         jaw_empty_rad: jaws that close further than this hold nothing; a wire of .9 mm keeps them open by .09.
@@ -80,11 +83,13 @@ class Settings:
     """
 
     planning_budget_s: float = 0.05
+    two_arms_budget_s: float = 2.0
     settle_s: float = 0.1
     driving_speed_m_s: float = DRIVING_M_S
     entry_speed_m_s: float = 0.004
     exit_speed_m_s: float = 0.002
     travel_speed_m_s: float = TRAVEL_M_S
+    pulling_speed_m_s: float = 0.010
     jaw_open_rad: float = JAW_OPEN_RAD
     jaw_closed_rad: float = JAW_CLOSED_RAD
     jaw_empty_rad: float = 0.04
@@ -100,8 +105,8 @@ def blind() -> Settings:
     return Settings(images=0)
 
 
-class _End(NamedTuple):
-    """How a suture ended, a sentence if it went wrong, and whether the arm has to stay where it is."""
+class End(NamedTuple):
+    """How a suture ended, a sentence if it went wrong, and whether the arms have to stay where they are."""
 
     outcome: SutureOutcome
     reason: str = ""
@@ -111,12 +116,14 @@ class _End(NamedTuple):
 class CircleSuturing:
     """One arm drives one suture after the other; a person loads the needle before each."""
 
+    pulls = False
+    """Whether an arm pulls the needle through at the end, and so has to know where it is."""
+
     def __init__(self, context: AgentContext):
         cell, settings = context.cell, context.settings
         self.hand = ArmScript(cell, context.arms[0], settings.limits, settings.settle_s)
-        if LOAD not in cell.assistants:
-            raise InvalidInput("nobody in this cell", "loads the needle", f"give it an assistant for {LOAD!r}")
-        self.log, self.clock, self.settings, self.load = cell.log, cell.clock, settings, cell.assistants[LOAD]
+        self.require_help(cell)
+        self.cell, self.log, self.clock, self.settings = cell, cell.log, cell.clock, settings
         self.arm, self.home = self.hand.model, self.hand.q
         planned = context.goals[0].setup
         circle = replace(planned.circle, T_world_circle=cell.T_world_fixture["circle"])
@@ -126,15 +133,24 @@ class CircleSuturing:
         looking = (settings.images, settings.sighting_budget_s, settings.searching_budget_s)
         self.tracker = NeedleTracker(cell, self.hand, setup, *looking) if settings.images else None
 
-    async def run(self) -> None:
-        """Drive the sutures one after the other; if the plan itself leaves a joint's range, stop there for good."""
+    def require_help(self, cell: Cell) -> None:
+        """Raise unless somebody loads the needle."""
+        if LOAD not in cell.assistants:
+            raise InvalidInput("nobody in this cell", "loads the needle", f"give it an assistant for {LOAD!r}")
+
+    async def begin(self) -> None:
+        """Prepare what moves, before the first suture."""
         await self.hand.exercise_wrist()
         await self.hand.zero_jaw(self.settings.jaw_closed_rad)
+
+    async def run(self) -> None:
+        """Drive the sutures one after the other; if the plan itself leaves a joint's range, stop there for good."""
+        await self.begin()
         for number, suture in enumerate(self.sutures):
             start_s = self.clock.now_s()
             outcome, reason, stops = await self._suture(number, suture)
             if not stops:
-                await self.hand.go(self.home)
+                await self.go_home()
             self.log.event(
                 "suture",
                 suture=number,
@@ -148,80 +164,112 @@ class CircleSuturing:
                 self.log.event("stopped", outcome=outcome.name, reason=reason)
                 return
 
-    async def _suture(self, number: int, suture: Suture) -> _End:
+    async def go_home(self) -> None:
+        """Go to where the arm is in nobody's way."""
+        await self.hand.go(self.home)
+
+    async def _suture(self, number: int, suture: Suture) -> End:
         """Load, drive, let go; return how it ended.
 
         A suture whose plan is within the joints' ranges, but not its corrections for cables and needle, is given up.
         """
         budget_s = self.settings.planning_budget_s
         *way_in, withdraw, rise = await self.hand.compute("planning", budget_s, lambda: suture_segments(suture))
-        if not await self._load():
-            return _missed(number, "the jaws did not hold the needle that they were given")
+        if failed := await self.take_needle(number):
+            return failed
         path = [Stretch(segment) for segment in way_in]
         if self.tracker:
-            self.tracker.loaded()
-            path = stretches(way_in, suture.setup)
+            path = stretches(way_in, suture.setup, to_the_end=self.pulls)
         for stretch in path:
             end = await self._stretch(number, stretch, suture, withdraw, rise)
             if end:
                 return end
-        await self._open()
-        await self._leave(number, withdraw, rise)
-        return _End(SutureOutcome.DONE)
+        return await self.finish(number, withdraw, rise)
 
-    async def _stretch(self, number: int, stretch: Stretch, suture: Suture, *leaving: Segment) -> _End | None:
+    async def take_needle(self, number: int) -> End | None:
+        """Have a person put the needle into the jaws; return how the suture ended, if they do not hold it then."""
+        if not await self._load():
+            return missed(number, "the jaws did not hold the needle that they were given")
+        if self.tracker:
+            self.tracker.loaded()
+        return None
+
+    async def finish(self, number: int, withdraw: Segment, rise: Segment) -> End:
+        """Let go of the needle, whose tip is out, and leave it to a person."""
+        await self.open()
+        await self.leave(number, withdraw, rise)
+        return End(SutureOutcome.DONE)
+
+    async def _stretch(self, number: int, stretch: Stretch, suture: Suture, *leaving: Segment) -> End | None:
         """Look, follow a stretch and close the jaws if they were open; return how the suture ended, if it did."""
         segment, tracker = stretch.segment, self.tracker
         if stretch.first:
             self.log.event("step", suture=number, step=segment.name)
         if tracker:
-            await self._look(stretch, tracker)
-            if segment.name == "approach" and stretch.first:
-                await self._reload(stretch, tracker)
+            await self.look(stretch, tracker)
+            above = segment.name == "approach" and stretch.first
+            if above and (failed := await self.check_needle(number, stretch, tracker)):
+                return failed
         if segment.regrasps:
-            await self._open()
+            await self.open()
         if tracker:
             segment = tracker.path(stretch)
         if reason := await self._go_along(number, segment, self._speed_m_s(stretch)):
             if stretch.segment.first_outside(self.arm) is not None:
-                return _End(SutureOutcome.JOINT_LIMIT, reason, stops=True)
-            await self._open()
-            await self._leave(number, *retreat(suture.setup, self.hand.q))
-            return _End(SutureOutcome.JOINT_LIMIT, reason)
-        if not segment.regrasps:
-            return None
+                return End(SutureOutcome.JOINT_LIMIT, reason, stops=True)
+            await self.open()
+            await self.leave(number, *retreat(suture.setup, self.hand.q))
+            return End(SutureOutcome.JOINT_LIMIT, reason)
+        return await self._regrip(number, stretch, *leaving) if segment.regrasps else None
+
+    async def _regrip(self, number: int, stretch: Stretch, *leaving: Segment) -> End | None:
+        """Close the jaws on the needle in the tissue; return how the suture ended, if they missed it."""
+        tracker = self.tracker
         if stretch.looks and tracker:
             await tracker.look()
-        if not await self._grip():
+        if not (await self.grip() or (tracker and await self._grip_again(stretch, tracker))):
             await self.hand.jaw(self.settings.jaw_open_rad)
-            await self._leave(number, *leaving)
-            return _missed(number, f"the jaws closed on nothing after {segment.name}")
+            await self.leave(number, *leaving)
+            return missed(number, f"the jaws closed on nothing after {stretch.segment.name}")
         if tracker:
             tracker.gripped()
         return None
+
+    async def _grip_again(self, stretch: Stretch, tracker: NeedleTracker) -> bool:
+        """Find the needle, which the jaws missed, and close them where it is; return whether they hold it."""
+        await self.hand.jaw(self.settings.jaw_open_rad)
+        if not await tracker.find():
+            return False
+        segment = stretch.segment
+        try:
+            await self.hand.go(tracker.corrected(segment.first(len(segment.q) - segment.beyond)).q[-1])
+        except MotionRefused:
+            return False
+        return await self.grip()
 
     async def _load(self) -> bool:
         """Have a person put the needle into the jaws; return whether they hold it."""
         for _ in range(self.settings.loadings):
             await self.hand.jaw(self.settings.jaw_open_rad)
             with self.log.span(self.hand.name, "loading"):
-                await self.load(self.hand.name)
-            if await self._grip():
+                await self.cell.assistants[LOAD](self.hand.name)
+            if await self.grip():
                 return True
         return False
 
-    async def _reload(self, stretch: Stretch, tracker: NeedleTracker) -> None:
+    async def check_needle(self, number: int, stretch: Stretch, tracker: NeedleTracker) -> End | None:
         """Have the needle loaded again if it is not seen in the jaws, or if its pose is too bad for driving."""
         for _ in range(self.settings.loadings - 1):
             if tracker.well_loaded:
-                return
+                break
             self.log.event("loaded anew")
             tracker.forget()
             if await self._load():
                 tracker.loaded()
-                await self._look(stretch, tracker)
+                await self.look(stretch, tracker)
+        return None
 
-    async def _look(self, stretch: Stretch, tracker: NeedleTracker) -> None:
+    async def look(self, stretch: Stretch, tracker: NeedleTracker) -> None:
         """Look at the needle before a stretch and, if another look is allowed, go to where it should be."""
         for number in range(stretch.looks):
             doubted = await tracker.look()
@@ -243,12 +291,13 @@ class CircleSuturing:
                 return
             tracker.estimator.adjusted()
 
-    async def _open(self) -> None:
+    async def open(self) -> None:
+        """Open the jaws on the needle, which the tissue holds meanwhile."""
         if self.tracker:
             self.tracker.released()
         await self.hand.jaw(self.settings.jaw_open_rad)
 
-    async def _grip(self) -> bool:
+    async def grip(self) -> bool:
         """Close the jaws; return whether they stalled on a wire."""
         await self.hand.settle()
         await self.hand.jaw(self.settings.jaw_closed_rad)
@@ -259,25 +308,25 @@ class CircleSuturing:
         """Follow a segment and, if it goes beyond its end, return to it; return a sentence if the arm cannot."""
         if segment.name == "lower":
             return await self._lower(number, segment)
-        reason = await self._follow(number, segment, speed_m_s)
+        reason = await self.follow(number, segment, speed_m_s)
         if reason and self.tracker and segment.name.startswith(TURNS) and segment.first_outside(self.arm) is None:
             for missing in SHORT:
                 shorter = segment.first(max(0, len(segment.q) - missing))
-                if len(shorter.q) > 1 and not await self._follow(number, shorter, speed_m_s):
+                if len(shorter.q) > 1 and not await self.follow(number, shorter, speed_m_s):
                     return ""
-        return await self._follow(number, segment.back) if segment.beyond and not reason else reason
+        return await self.follow(number, segment.back) if segment.beyond and not reason else reason
 
     async def _lower(self, number: int, segment: Segment) -> str:
         """Come down along a segment, from as far up as possible; return a sentence if it is impossible."""
         reason = ""
         for left in LOWERED:
             q = segment.q[round((1.0 - left) * (len(segment.q) - 1)) :]
-            reason = await self._follow(number, replace(segment, q=q, length_m=left * segment.length_m))
+            reason = await self.follow(number, replace(segment, q=q, length_m=left * segment.length_m))
             if not reason:
                 break
         return reason
 
-    async def _leave(self, number: int, *planned: Segment) -> None:
+    async def leave(self, number: int, *planned: Segment) -> None:
         """Retreat from where the jaws let go, as planned from a suture's end, as far as possible.
 
         Corrections made for the needle do not apply to empty jaws; the path is cut short as the planned one is.
@@ -286,10 +335,10 @@ class CircleSuturing:
         from_here = [replace(segment, q=segment.q + off) for segment in planned]
         for segment in cut_short(from_here, self.arm):
             self.log.event("step", suture=number, step=segment.name)
-            if len(segment.q) and await self._follow(number, segment):
+            if len(segment.q) and await self.follow(number, segment):
                 return
 
-    async def _follow(self, number: int, segment: Segment, speed_m_s: float | None = None) -> str:
+    async def follow(self, number: int, segment: Segment, speed_m_s: float | None = None) -> str:
         """Move along a segment, as far as the joints' ranges allow; return a sentence if they do not."""
         outside = segment.first_outside(self.arm)
         q = segment.q if outside is None else segment.q[: outside[0]]
@@ -328,8 +377,9 @@ class CircleSuturing:
         return self.settings.entry_speed_m_s if stretch.fixed_wrist else self.settings.exit_speed_m_s
 
 
-def _missed(number: int, why: str) -> _End:
-    return _End(SutureOutcome.NEEDLE_MISSED, f"suture {number + 1}: {why}")
+def missed(number: int, why: str) -> End:
+    """Return the end of a suture whose needle the jaws did not get."""
+    return End(SutureOutcome.NEEDLE_MISSED, f"suture {number + 1}: {why}")
 
 
 def run_up(q: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:

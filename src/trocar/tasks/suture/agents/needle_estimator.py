@@ -151,7 +151,7 @@ class NeedleEstimator:
         before = self.needle(T_base_tip)
         after = before.updated(T_base_camera, seen)
         if after is None:
-            self._covariance *= DOUBT
+            self.doubt()
             self._doubts += 1
             if self._doubts == DOUBTS:
                 self._begin()
@@ -163,6 +163,10 @@ class NeedleEstimator:
         self._mean = self._mean + gain @ away
         self._covariance = self._covariance - gain @ (before.covariance - after.covariance) @ gain.T
         return True
+
+    def doubt(self) -> None:
+        """Become less certain of everything."""
+        self._covariance *= DOUBT
 
     def _of_tip(self, T_base_tip: SE3) -> NDArray[np.float64]:
         """Return the effect (6, 18) of the tip's parts of the state on the needle, as a twist in its frame."""

@@ -42,6 +42,9 @@ have closed elsewhere, cable errors may bring the tip out early."""
 HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
 """Greatest number of looks above the tissue, just before the needle goes in, and just before it comes out."""
 
+FINDING_LOOKS = 3
+"""Greatest number of looks for a needle that something else than the driving jaws holds."""
+
 
 class Aim(Enum):
     """What a correction before a stretch of the path applies to."""
@@ -70,8 +73,10 @@ class Stretch:
     fixed_wrist: bool = False
 
 
-def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
+def stretches(segments: Sequence[Segment], setup: SutureSetup, to_the_end: bool = False) -> list[Stretch]:
     """Return the path divided at the looks: above and before the entry, in each grip, before the exit.
+
+    Once the tip is out, the needle is looked at only if its pose matters ``to_the_end``.
 
     The arm stops at the surface neither on the way in nor on the way out: when it starts again, reversed cables take up
     their play, just where the position of the needle's tip counts.
@@ -88,7 +93,7 @@ def stretches(segments: Sequence[Segment], setup: SutureSetup) -> list[Stretch]:
             found.append(Stretch(segment))
         elif step.holds:
             start, end = step.needle_rad
-            whole = Stretch(segment, looks=0 if segment.name == "rotate" or start > exit_rad else 1)
+            whole = Stretch(segment, looks=int(segment.name != "rotate" and (start <= exit_rad or to_the_end)))
             last = exit_rad - BEFORE_EXIT_RAD
             before, *after = _cut(whole, (last - start) / (end - start), EXIT_LOOKS)
             if after:
@@ -143,16 +148,26 @@ class NeedleTracker:
         images: number per look.
         budget_s: declared for finding the needle in them.
         searching_budget_s: the same if it has to be searched for from several poses.
+        others: other arms, which may hide the needle.
 
     Attributes:
         estimator: of the errors of the arm's tip and of the needle in its jaws.
+        seen: whether the needle was seen at the last look.
+        T_base_floor: the plane over which the needle is seen, z up: the circle's, if nothing else is said.
 
     Raises:
         InvalidInput: no camera shows depth.
     """
 
     def __init__(
-        self, cell: Cell, hand: ArmScript, setup: SutureSetup, images: int, budget_s: float, searching_budget_s: float
+        self,
+        cell: Cell,
+        hand: ArmScript,
+        setup: SutureSetup,
+        images: int,
+        budget_s: float,
+        searching_budget_s: float,
+        others: Sequence[ArmScript] = (),
     ):
         lenses = {name: lens for name, camera in cell.cameras.items() if isinstance(lens := camera.model, Intrinsics)}
         if not lenses:
@@ -167,15 +182,50 @@ class NeedleTracker:
         self._back_rad = [step.back_rad for step in holds]
         self._p_needle_tip_m = setup.needle.point_m(np.zeros(1))[0]
         self.estimator = NeedleEstimator()
+        self.T_base_floor = setup.T_base_circle
+        T_world_base = cell.T_world_base_registered
+        self._to_others = {o: T_world_base[o.name].inverse() @ T_world_base[hand.name] for o in others}
         self._in_tissue: NeedleEstimate | None = None
-        self._grips, self._seen = 0, False
+        self._grips, self.seen = 0, False
         self._tip_error, self._T_tip_needle = np.zeros(6), self._T_tip_needle_planned
         self._aim, self._fixed_wrist = Aim.POSE, False
 
     def loaded(self) -> None:
         """Note that a person has loaded the needle."""
-        self._grips, self._in_tissue, self._seen = 0, None, False
+        self._grips, self._in_tissue, self.seen = 0, None, False
         self.estimator.loaded(self._T_tip_needle_planned)
+
+    def rests(self, needle: NeedleEstimate) -> None:
+        """Note that something else holds the needle still, about here in the arm's base."""
+        self._in_tissue, self.seen = needle, False
+
+    def took(self, setup: SutureSetup) -> None:
+        """Note that the jaws have closed, in the grasp of this setup, on the needle that something else held."""
+        self._setup, self._grips = setup, 0
+        if self._in_tissue is not None:
+            self.estimator.regrasped(self._in_tissue, self._T_base_tip, self._T_tip_needle_planned)
+        self._in_tissue = None
+
+    @property
+    def needle(self) -> NeedleEstimate:
+        """Return where the needle is, in the arm's base."""
+        return self._estimate
+
+    def towards_needle(self, segment: Segment, T_base_needle: SE3) -> Segment:
+        """Return a way that was planned to or from a needle resting at ``T_base_needle``, where it really is."""
+        self._tip_error = self.estimator.tip_error
+        planned = fk(self._hand.model, segment.q)
+        wanted = self._estimate.T_base_needle @ T_base_needle.inverse() @ planned
+        return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
+
+    def with_needle(self, segment: Segment) -> Segment:
+        """Return a way on which the needle, however it lies in the jaws, goes as planned, from where the arm is."""
+        self._tip_error, self._T_tip_needle = self.estimator.tip_error, self.estimator.T_tip_needle
+        planned = fk(self._hand.model, segment.q) @ self._T_tip_needle_planned
+        wanted = planned @ self._T_tip_needle.inverse()
+        q = ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q)
+        left = np.linspace(1.0, 0.0, len(q))[:, None]
+        return replace(segment, q=q + left * (self._hand.q - q[0]))
 
     def forget(self) -> None:
         """Discard everything seen so far."""
@@ -185,7 +235,7 @@ class NeedleTracker:
     def well_loaded(self) -> bool:
         """Return whether the needle was seen in the jaws, about as a person should have put it there."""
         off = (self._T_tip_needle_planned.inverse() @ self.estimator.T_tip_needle).log()
-        return self._seen and bool(np.linalg.norm(off[:3]) < MISLOADED_M and np.linalg.norm(off[3:]) < MISLOADED_RAD)
+        return self.seen and bool(np.linalg.norm(off[:3]) < MISLOADED_M and np.linalg.norm(off[3:]) < MISLOADED_RAD)
 
     def released(self) -> None:
         """Note that the jaws are about to open, and the tissue holds the needle."""
@@ -262,7 +312,7 @@ class NeedleTracker:
         starts = search_starts(before.T_base_needle, before.covariance, self._setup.needle)
         budget_s = self._searching_budget_s if len(starts) > 1 else self._budget_s
         seen = await self._hand.compute("perception", budget_s, partial(self._sight, images, before))
-        self._seen = accepted = seen is not None and self._update(seen)
+        self.seen = accepted = seen is not None and self._update(seen)
         off = (before.T_base_needle.inverse() @ self._estimate.T_base_needle).log()
         tip_m = (self._setup.T_base_circle.inverse() @ self._estimate.T_base_needle).apply(self._p_needle_tip_m)
         self._log.event(
@@ -274,6 +324,18 @@ class NeedleTracker:
             tip_mm=(1e3 * tip_m).round(3).tolist(),
         )
         return seen is not None and not accepted
+
+    async def find(self) -> bool:
+        """Look until the needle is seen, less certain each time of where it is; return whether it was."""
+        for _ in range(FINDING_LOOKS):
+            await self.look()
+            if self.seen:
+                return True
+            if self._in_tissue is None:
+                self.estimator.doubt()
+            else:
+                self._in_tissue = self._in_tissue.doubted()
+        return False
 
     def tip_shift_m(self, q: NDArray[np.float64]) -> float:
         """Return how far the needle's tip would go if the arm went to these joints (6,)."""
@@ -293,15 +355,22 @@ class NeedleTracker:
     def _sight(self, images: Sequence[RgbdImage], expected: NeedleEstimate) -> NeedleSighting | None:
         """Find the needle in images; the instrument may hide it."""
         T_camera_base, T_base_tip = self._T_base_camera.inverse(), self._T_base_tip
-        solids = InstrumentSolids.of(self._hand.model, self._hand.q, self._hand.jaw_rad)
-        T_solids_camera = T_base_tip @ self.estimator.tip(T_base_tip).inverse() @ self._T_base_camera
+        solids = [InstrumentSolids.of(hand.model, hand.q, hand.jaw_rad) for hand in (self._hand, *self._to_others)]
+        T_solids_camera = [T_base_tip @ self.estimator.tip(T_base_tip).inverse() @ self._T_base_camera]
+        T_solids_camera += [T_other_base @ self._T_base_camera for T_other_base in self._to_others.values()]
+
+        def distance_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Return how far points (n, 3) in the camera's frame are from the nearest instrument."""
+            each = zip(solids, T_solids_camera, strict=True)
+            return np.min([solid.distance_m(T.apply(points)) for solid, T in each], axis=0)
+
         return sight_needle(
             images,
             T_camera_base @ expected.T_base_needle,
             expected.covariance,
             self._setup.needle,
-            T_camera_base @ self._setup.T_base_circle,
-            lambda points: solids.distance_m(T_solids_camera.apply(points)),
+            T_camera_base @ self.T_base_floor,
+            distance_m,
         )
 
     def _update(self, seen: NeedleSighting) -> bool:

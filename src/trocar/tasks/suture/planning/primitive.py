@@ -131,9 +131,7 @@ def needle_poses(setup: SutureSetup, advance_m: ArrayLike, turn_rad: ArrayLike) 
 
 def grasp_pose(setup: SutureSetup) -> SE3:
     """Return the pose of the arm's tip in the needle's frame, before any regrasp."""
-    at_point = SO3.axis("z", -setup.grasp.behind_tip_rad)
-    point = at_point.apply([0.0, -setup.needle.radius_m, 0.0])
-    return SE3.from_parts(at_point @ setup.grasp.rotation, point)
+    return setup.grasp.pose(setup.needle.radius_m)
 
 
 def tip_poses(setup: SutureSetup, advance_m: ArrayLike, jaws_rad: ArrayLike) -> SE3:

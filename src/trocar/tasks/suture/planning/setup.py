@@ -92,6 +92,11 @@ class NeedleGrasp:
         turned = SO3.axis("x", self.approach_rad) @ aligned @ SO3.axis("x", self.lean_rad)
         return turned @ SO3.axis("z", self.skew_rad)
 
+    def pose(self, needle_radius_m: float) -> SE3:
+        """Return the pose of the arm's tip in the frame of a needle of this radius."""
+        at_point = SO3.axis("z", -self.behind_tip_rad)
+        return SE3.from_parts(at_point @ self.rotation, at_point.apply([0.0, -needle_radius_m, 0.0]))
+
     @property
     def out_of_jaws_rad(self) -> float:
         """Return the angle between the wire and the plane in which the fingers meet; closing jaws force it to 0."""

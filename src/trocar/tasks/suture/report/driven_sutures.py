@@ -30,10 +30,13 @@ APART_S = 0.5
 """A step that ends this shortly before the end of the first suture looks the same."""
 REACH, RISE_M = 1.25, 0.018
 """A picture's frame: this many radii of the circle, and as high over the phantom as a needle in the jaws."""
-MODELLED = (
-    "no tissue mechanics: the phantom carries the needle and slows it by viscous drag, and is not solid",
-    "the jaws hold the needle by friction; a person pulls it out and loads it again, exactly, before each suture",
+SECOND = ("grasp tip", "pull through", "hand over")
+"""Steps in which a second arm has a part: pictures show the first time that each is done."""
+NO_TISSUE = "no tissue mechanics: the phantom carries the needle and slows it by viscous drag, and is not solid"
+BY_PERSON = (
+    "the jaws hold the needle by friction; a person pulls it out and loads it again, exactly, before each suture"
 )
+BY_TWO_ARMS = "the jaws hold the needle by friction; a person set it up in its stand, and does not touch it after that"
 """What a reader of the figures must know; printed with them."""
 
 
@@ -238,6 +241,8 @@ class SutureReport(TaskReport):
             for name, _, end_s in steps_of(trial, 0)
             if name not in UNSHOWN and end_s < until_s
         ]
+        second = [step for number in range(len(trial.scores)) for step in steps_of(trial, number) if step[0] in SECOND]
+        found += [next((name, end_s) for name, _, end_s in second if name == each) for each in {s[0] for s in second}]
         for number, score in enumerate(trial.scores, start=1):
             how = in_words(score["failure"]) or "driven"
             found.append((f"suture {number}, {score['theta_deg']:.0f} deg: {how}", self.failed_s(trial, score)))
@@ -277,4 +282,5 @@ class SutureReport(TaskReport):
     def notes(self, trials: Sequence[Trial]) -> list[str]:
         """Return what stopped a trial, and what is modelled."""
         reasons = [stopped(trial.events)[1] for trial in trials]
-        return [*filter(None, reasons), *MODELLED]
+        by = BY_TWO_ARMS if len(trials[0].about["arms"]) > 1 else BY_PERSON
+        return [*filter(None, reasons), NO_TISSUE, by]

@@ -1,0 +1,141 @@
+"""The plan of two arms that sew round a circle: who holds the needle how, from its stand to the last pull."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, capsules, fk, ik_unbounded
+from trocar.errors import OutOfReach
+from trocar.geometry import SE3
+from trocar.geometry.capsules import capsule_distances_m
+from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
+from trocar.tasks.suture.planning.handover import Handover, Holder, between, handover_places, plan_handovers, taking
+from trocar.tasks.suture.planning.primitive import Suture
+from trocar.tasks.suture.planning.pull import (
+    APART_M,
+    LIFTED_M,
+    ROOM_RAD,
+    Pull,
+    grip_segments,
+    holding_still,
+    out_segments,
+    plan_pull,
+    reach_segment,
+    room_rad,
+    shifted,
+)
+from trocar.tasks.suture.planning.segments import UP, Segment
+from trocar.tasks.suture.planning.setup import SutureSetup
+from trocar.tasks.suture.stand import T_stand_needle
+
+
+@dataclass(frozen=True, eq=False)
+class SecondArm:
+    """The arm that pulls.
+
+    Attributes:
+        model: of the arm.
+        T_world_base: its base.
+        home_q: (6,) where it rests while the first arm drives.
+    """
+
+    model: ArmModel
+    T_world_base: SE3
+    home_q: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TwoArmPlan:
+    """What the two arms do between the first one's sutures.
+
+    Attributes:
+        stand: the first arm's way to its grasp of the needle in its stand, and from there up with it.
+        pulls: the second arm's part of each suture.
+        handovers: from each suture to the next, the best first; one set fewer than there are sutures.
+    """
+
+    stand: tuple[Segment, Segment]
+    pulls: tuple[Pull, ...]
+    handovers: tuple[tuple[Handover, ...], ...]
+
+    def joints(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return all joints (n, 6) of the first arm, and (k, 6) of the second, on these ways."""
+        first = [*self.stand, *(each.take for alternatives in self.handovers for each in alternatives)]
+        second = [way for pull in self.pulls for grip in pull.grips for way in grip_segments(grip)]
+        second += [way for pull in self.pulls for way in out_segments(pull.grips[-1])]
+        second += [each.part for alternatives in self.handovers for each in alternatives]
+        return np.concatenate([way.q for way in first]), np.concatenate([way.q for way in second])
+
+
+def plan_two_arms(
+    sutures: Sequence[Suture],
+    home_q: NDArray[np.float64],
+    second: SecondArm,
+    T_world_stand: SE3,
+    cameras: Sequence[SE3],
+) -> TwoArmPlan:
+    """Return how the second arm pulls each needle through and hands it back, and how the first takes it from its stand.
+
+    Args:
+        sutures: in order, with the first arm and its base.
+        home_q: (6,) where the first arm rests while the second one moves.
+        second: the other arm.
+        T_world_stand: of the stand, z up.
+        cameras: their poses in the world; the nearest to the circle looks at the needle.
+
+    Raises:
+        OutOfReach: an arm cannot do its part; names what.
+    """
+    setup = sutures[0].setup
+    T_circle_world = setup.circle.T_world_circle.inverse()
+    eyes_m = [T_circle_world.apply(camera.translation_m) for camera in cameras]
+    places = handover_places(setup, min(eyes_m, key=lambda place: float(np.linalg.norm(place))))
+    stand = from_stand(sutures[0], T_world_stand)
+    pulls, handovers = [], []
+
+    def handover_room_rad(giver: SutureSetup) -> float:
+        return float(places.both_rad(giver).max())
+
+    for suture in sutures:
+        ends = len(pulls) + 1 == len(sutures)
+        pull = plan_pull(suture, second.model, second.T_world_base, home_q, None if ends else handover_room_rad)
+        last = pull.grips[-1]
+        _require_apart(second, between(second.home_q, reach_segment(pull.grips[0]).q[0]), suture)
+        pulls.append(pull)
+        if not ends:
+            giver = Holder(last.setup, second.home_q, out_segments(last)[-1].q[-1])
+            handovers.append(plan_handovers(giver, Holder(setup, home_q, home_q), places))
+    return TwoArmPlan(stand, tuple(pulls), tuple(handovers))
+
+
+def from_stand(suture: Suture, T_world_stand: SE3) -> tuple[Segment, Segment]:
+    """Return the first arm's way to its grasp of the needle in the stand, and straight up with it.
+
+    Raises:
+        OutOfReach: it does not reach the needle there.
+    """
+    setup = suture.setup
+    T_circle_needle = setup.circle.T_world_circle.inverse() @ T_world_stand @ T_stand_needle(setup.needle)
+    take = taking(setup, T_circle_needle)
+    q = take.q[-1]
+    if not np.isfinite(take.q).all() or room_rad(setup.arm, take.q).min() < ROOM_RAD:
+        raise OutOfReach("the first arm does not reach the needle in its stand; put the fixture 'stand' elsewhere")
+    return take, replace(rising(setup, q), name="lift")
+
+
+def rising(setup: SutureSetup, q: NDArray[np.float64]) -> Segment:
+    """Return the way straight up from joints (6,)."""
+    up = shifted(setup.T_base_circle.inverse() @ fk(setup.arm, q), np.zeros(3), LIFTED_M * UP)
+    risen = ik_unbounded(setup.arm, setup.T_base_circle @ up, near=np.broadcast_to(q, (len(up.matrix), 6)))
+    return Segment("rise", risen, LIFTED_M)
+
+
+def _require_apart(second: SecondArm, path: NDArray[np.float64], suture: Suture) -> None:
+    """Raise unless the second arm comes to a suture's end without coming near the first one, which holds the needle."""
+    coming = capsules(second.model, path, JAW_OPEN_RAD).moved(second.T_world_base)
+    if capsule_distances_m(coming, holding_still(suture)).min() < APART_M:
+        raise OutOfReach(f"the second arm meets the first on its way to {suture}; place it elsewhere")
