@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -16,6 +16,9 @@ from trocar.cli.terminal import beside
 from trocar.errors import InvalidInput, InvalidValue
 from trocar.files.output import write_text
 from trocar.lab.topics import MAX_DOMAIN, Topics
+
+if TYPE_CHECKING:
+    from trocar.lab.session import Session
 
 Ros = Annotated[int | None, Option(help="1 or 2.", show_default="the station's, or 2")]
 Interface = Annotated[
@@ -90,7 +93,7 @@ def serve(
     for flag, value in given.items():
         if value and not task:
             raise InvalidInput(flag, "has no effect without --task", f"drop {flag}, or add --task")
-    from trocar.lab import load_station, station_text
+    from trocar.lab import load_station
 
     loaded = load_station(station)
     topics = network(loaded.crtk, ros, interface, peer, domain, master)
@@ -98,7 +101,6 @@ def serve(
         topics = replace(topics, domain=int(os.environ.get("ROS_DOMAIN_ID", "0")))
     from trocar.crtk.served_cell import ServedCell
     from trocar.lab.laboratory import build_cell
-    from trocar.lab.station_file import with_registered, with_topics
 
     referee, folder = None, out
     if task:
@@ -114,11 +116,7 @@ def serve(
         client_station = folder / "station.toml"
     drawn = laboratory.session
     if client_station is not None:
-        cameras = {
-            name: (drawn.T_world_camera_registered[name], camera.model) for name, camera in laboratory.cameras.items()
-        }
-        text = with_registered(station_text(station), drawn.T_world_base_registered, cameras)
-        write_text(client_station, with_topics(text, topics), "station")
+        _write_station(client_station, station, drawn, topics)
     with ServedCell(laboratory, topics, speed, images_hz) as served:
         names = ", ".join(
             [topics.of_arm(name) for name in served.arms] + list(map(topics.of_camera, drawn.station.cameras))
@@ -145,16 +143,34 @@ def serve(
         f"{1e3 * time.latest_s:.0f} ms; {100 * time.core_share:.0f} % of a core",
     ]
     if referee is not None:
-        from trocar.eval.trials import Trials
-        from trocar.report.files import report_of, write_report
-        from trocar.report.tables import headline, run_table
-
-        path = referee.save(end, images)
-        beside().print(f"saved: {path}", soft_wrap=True)  # before its pictures, which take seconds
-        trials = Trials([path])
-        found, files = write_report(path.parent.parent, trials, into=path.with_suffix(""))
-        report = report_of(trials[0])
-        summary |= {"trial": str(path), "summary": found}
-        table = run_table(found, report.paper_rows(found), report.paper_count(found))
-        lines = [table, *lines, headline(found), "files: " + ", ".join(map(str, [path, *files]))]
+        judged, shown = _judged(referee.save(end, images))
+        summary, lines = summary | judged, [shown[0], *lines, *shown[1:]]
     return Result(summary, lines)
+
+
+def _write_station(path: Path, station: str, session: Session, topics: Topics) -> None:
+    """Write a station as registration found it in a session, with where it speaks."""
+    from trocar.lab import station_text
+    from trocar.lab.station_file import with_registered, with_topics
+
+    cameras = {
+        name: (session.T_world_camera_registered[name], camera.model_registered)
+        for name, camera in session.station.cameras.items()
+    }
+    text = with_registered(station_text(station), session.T_world_base_registered, cameras)
+    write_text(path, with_topics(text, topics), "station")
+
+
+def _judged(path: Path) -> tuple[dict[str, Any], list[Any]]:
+    """Draw a saved trial's replay and pictures; return its summary, and the table and sentences that say it."""
+    from trocar.eval.trials import Trials
+    from trocar.report.files import report_of, write_report
+    from trocar.report.tables import headline, run_table
+
+    beside().print(f"saved: {path}", soft_wrap=True)  # before its pictures, which take seconds
+    trials = Trials([path])
+    found, files = write_report(path.parent.parent, trials, into=path.with_suffix(""))
+    report = report_of(trials[0])
+    table = run_table(found, report.paper_rows(found), report.paper_count(found))
+    told = [table, headline(found), "files: " + ", ".join(map(str, [path, *files]))]
+    return {"trial": str(path), "summary": found}, told
