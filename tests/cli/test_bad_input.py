@@ -295,7 +295,7 @@ BAD = [
     *(f"plan suture --demonstrations {name}" for name in ("missing", "folder", "recording.npz", "text.npy")),
     *each("plan setup", "--preset magic; --free foo; --bound circle_radius_mm; --evaluations 1; --count 0"),
     *each("plan setup", "--out recording.npz"),
-    *each("crtk serve peg-transfer", "--namespace psm9=/X -> psm9; --namespace psm1 -> ARM=/NAME; --domain 999 -> 232"),
+    *each("crtk serve peg-transfer", "--ros 3 -> give 1 or 2; --domain 999 -> 232; --seconds 0 -> more than 0"),
     *each("crtk serve peg-transfer", "--seconds nan; --seconds 0 -> more than 0; --speed 0 -> above 0"),
     *each("study suture", "--preset magic; --positions 90; --out recording.npz"),
 ]

@@ -297,12 +297,12 @@ def test_an_option_of_one_task_is_none_of_anothers():
         result = CliRunner().invoke(app, ["run", task, "--help"], env={"COLUMNS": "200"})
         assert result.exit_code == 0
         shown[task] = result.output
-    for option in ("--variant", "--transfers"):
-        assert option in shown["peg-transfer"] and option not in shown["suture"]
+    assert "--transfers" in shown["peg-transfer"] and "--transfers" not in shown["suture"]
+    assert "bilateral" in shown["peg-transfer"] and "bilateral" not in shown["suture"], "variants are each task's own"
     for option in ("--count", "--preset", "--plan ", "--direction"):
         assert option in shown["suture"] and option not in shown["peg-transfer"]
     of_run = {field.name: field.metadata for field in fields(RunConfig) if field.metadata}
-    assert len(of_run) == 16, "all but the task and the plugins"
+    assert len(of_run) == 18, "all but the task and the plugins"
     for name, about in of_run.items():
         for text in (" ".join(text.split()) for text in shown.values()):
             assert f"--{(about['flag'] or name).replace('_', '-')} " in text and about["help"] in text

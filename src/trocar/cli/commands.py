@@ -52,7 +52,7 @@ PLAN = {
 
 CRTK = {
     "serve": Known(
-        "Be a robot that speaks CRTK over ROS 2: a simulated cell in real time, its cables' errors included.",
+        "Be a robot that speaks CRTK over ROS 2 or 1: a simulated cell in real time, its cables' errors included.",
         "trocar.cli.crtk:serve",
         "trocar crtk serve peg-transfer --seed 1",
     )

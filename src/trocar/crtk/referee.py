@@ -52,7 +52,7 @@ class Referee:
         InvalidInput: the task cannot be done there, or the folder has this trial already, or is of another run.
     """
 
-    def __init__(self, task: Task, station: str, seed: int, session: int, trial: int, out: Path):
+    def __init__(self, task: Task, station: str, seed: int, session: int, trial: int, out: str | Path):
         for name, value in (("--session", session), ("--trial", trial)):
             if value < 0:
                 raise InvalidValue(name, value, "give 0 or more")

@@ -84,7 +84,7 @@ def render_for_ever(studio: Studio, asked: Connection) -> None:
             if order is None:
                 asked.send(kept.files())
                 continue
-            if order.kept or cameras[order.camera].wanted():
+            if order.kept or cameras[order.camera].readers():
                 copy.put(order.state)
                 image = studio.renderers[order.camera].image(copy.data, studio.noise if order.kept else free)
                 cameras[order.camera].publish(image, order.header)
@@ -114,7 +114,7 @@ class CameraTopics:
 
     def wanted(self) -> bool:
         """Return whether anybody subscribes an image."""
-        return any(publisher.wanted() for publisher in self._images.values())
+        return any(publisher.readers() for publisher in self._images.values())
 
     def publish(self, image: Taken, header: Header) -> None:
         """Publish an image, both parts with the same stamp, and the lenses."""

@@ -28,6 +28,10 @@ def skew(v: ArrayLike) -> Array:
     return matrix
 
 
+MAX_TURN_RAD = 1e9
+"""Of a rotation vector's component; beyond it, a float does not tell where in a turn it ends."""
+
+
 @dataclass(frozen=True, eq=False)
 class SO3:
     """Rotation(s) held as matrices: ``R_a_b`` takes coordinates in b to coordinates in a.
@@ -74,6 +78,9 @@ class SO3:
     def exp(rotvec_rad: ArrayLike) -> SO3:
         """Return the rotation about the axis ``rotvec_rad`` (..., 3) by its length (Rodrigues' formula)."""
         w = finite("a rotation vector", rotvec_rad, ..., 3)
+        if w.size and np.abs(w).max() > MAX_TURN_RAD:
+            problem = f"has a component of {np.abs(w).max():g} rad"
+            raise InvalidInput("a rotation vector", problem, f"give at most {MAX_TURN_RAD:g} rad")
         angle2 = np.sum(w * w, -1)[..., None, None]
         W = skew(w)
         a, b, _ = exp_coefficients(angle2)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trocar.arms import ARMS, MOTION_LIMITS, fk
-from trocar.crtk.arm import JOINTS
+from trocar.crtk.dialect import PSM_JOINTS as JOINTS
 from trocar.geometry import SO3
 from trocar.tasks.suture.planning import CLOCKWISE, DIRECTIONS, PRESETS, Suture, dexterity, plan_even, sutures_at
 from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD

@@ -66,6 +66,7 @@ def made_up(off=OFF, failure="", scores=True):
         arrays={
             "true_psm1": true.astype(np.float32),
             "desired_psm1": asked.astype(np.float32),
+            "measured_psm1": asked.astype(np.float32),
             "body_needle": np.column_stack([needle.translation_m, needle.rotation.as_quaternion()]).astype(np.float32),
             "T_world_circle": setup.circle.T_world_circle.matrix,
         },
