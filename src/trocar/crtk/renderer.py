@@ -84,7 +84,7 @@ def render_for_ever(studio: Studio, asked: Connection) -> None:
             if order is None:
                 asked.send(kept.files())
                 continue
-            if order.kept or cameras[order.camera].readers():
+            if order.kept or cameras[order.camera].wanted():
                 copy.put(order.state)
                 image = studio.renderers[order.camera].image(copy.data, studio.noise if order.kept else free)
                 cameras[order.camera].publish(image, order.header)
