@@ -12,6 +12,7 @@ from trocar.crtk.messages import (
     Point,
     Pose,
     Quaternion,
+    Time,
     Twist,
     Vector3,
 )
@@ -41,3 +42,8 @@ def matrix_of(matrix: NDArray[np.float64]) -> Float64MultiArray:
     rows, columns = matrix.shape
     layout = [MultiArrayDimension("rows", rows, rows * columns), MultiArrayDimension("columns", columns, columns)]
     return Float64MultiArray(MultiArrayLayout(layout), matrix.ravel().tolist())
+
+
+def seconds(stamp: Time) -> float:
+    """Return a stamp in s since 1970; 0: the data are not valid."""
+    return stamp.sec + 1e-9 * stamp.nanosec
