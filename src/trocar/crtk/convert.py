@@ -11,10 +11,14 @@ from trocar.crtk.messages import (
     MultiArrayLayout,
     Point,
     Pose,
+    PoseStamped,
     Quaternion,
+    Time,
+    TransformStamped,
     Twist,
     Vector3,
 )
+from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
 
 
@@ -41,3 +45,21 @@ def matrix_of(matrix: NDArray[np.float64]) -> Float64MultiArray:
     rows, columns = matrix.shape
     layout = [MultiArrayDimension("rows", rows, rows * columns), MultiArrayDimension("columns", columns, columns)]
     return Float64MultiArray(MultiArrayLayout(layout), matrix.ravel().tolist())
+
+
+def seconds(stamp: Time) -> float:
+    """Return a stamp in s since 1970; 0: the data are not valid."""
+    return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def place_of(message: PoseStamped | TransformStamped) -> SE3 | None:
+    """Return the transform of a message of either generation; None: it is none, such as one with NaN."""
+    if isinstance(message, TransformStamped):
+        place = message.transform.translation
+        pose = Pose(Point(place.x, place.y, place.z), message.transform.rotation)
+    else:
+        pose = message.pose
+    try:
+        return transform_of(pose)
+    except TrocarError:
+        return None

@@ -1,0 +1,148 @@
+"""Why a pose that an arm publishes is not that of its joints: units, order, the tip, or the frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from itertools import permutations, product
+from math import degrees, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, fk
+from trocar.geometry import SE3, SO3
+from trocar.lab.station import Station
+
+POSE_M, POSE_RAD = 2e-3, 0.02
+"""A pose that is this near to another is the same: models of one instrument differ by less."""
+FRAME_M, FRAME_RAD = 10e-3, 0.05
+"""So is one in the world: a base is registered anew in each session."""
+TOOL_M = 0.05
+"""A point of the tool is no farther from its tip."""
+SAMPLES = 20
+FACTORS = (1.0, 1e3, 10.0)
+"""How much too large lengths may be: m, mm, and an early simulator's ten."""
+
+
+class Cause(Enum):
+    """What explains the poses."""
+
+    NONE = "nothing has to be explained"
+    TIP = "the poses are of another point of the tool's axis"
+    UNITS = "units"
+    ORDER = "the order of the joints"
+    UNKNOWN = "no single mistake that is known"
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What poses and joints have to do with each other.
+
+    Attributes:
+        cause: of their difference.
+        detail: the same in words, with its value.
+        off_m: greatest distance of the poses from those of the joints, as they came.
+        off_rad: likewise of their rotations.
+    """
+
+    cause: Cause
+    detail: str
+    off_m: float
+    off_rad: float
+
+
+def explain(model: ArmModel, q: NDArray[np.float64], T_base_tip: SE3) -> Explanation:
+    """Return why poses are not those of the joints.
+
+    Args:
+        model: of the arm.
+        q: (n, 6) joints, as they came.
+        T_base_tip: (n,) poses of the same moments, in the arm's base, as they came.
+    """
+    some = np.unique(np.linspace(0, len(q) - 1, SAMPLES).astype(int))
+    q, T = q[some], T_base_tip[some]
+    off_m, off_rad = apart(fk(model, q), T)
+    if near(off_m, off_rad):
+        return Explanation(Cause.NONE, "", off_m, off_rad)
+    for cause, detail, alike in _guesses(model, q, T):
+        if alike:
+            return Explanation(cause, detail, off_m, off_rad)
+    return Explanation(Cause.UNKNOWN, "", off_m, off_rad)
+
+
+def _guesses(model: ArmModel, q: NDArray[np.float64], T: SE3) -> Iterator[tuple[Cause, str, bool]]:
+    """Yield mistakes, and whether each explains the poses; the simplest first."""
+    D = fk(model, q).inverse() @ T
+    across, along = float(np.abs(D.translation_m[:, :2]).max()), D.translation_m[:, 2]
+    straight = float(D.rotation.angle().max()) <= POSE_RAD and across <= POSE_M and float(np.ptp(along)) <= POSE_M
+    offset_m = float(np.median(along))
+    where = f"{1e3 * abs(offset_m):.1f} mm {'behind' if offset_m < 0 else 'beyond'} the tip"
+    yield Cause.TIP, where, straight and abs(offset_m) <= TOOL_M
+    slides = np.array([joint.prismatic for joint in model.joints])
+    for turned, slid, placed in product((1.0, degrees(1.0)), FACTORS, FACTORS):
+        alike = near(*apart(fk(model, q / np.where(slides, slid, turned)), _shrunk(T, placed)))
+        words = [
+            *(["joints in degrees"] if turned != 1 else []),
+            *_long("the insertion", slid),
+            *_long("poses", placed),
+        ]
+        yield Cause.UNITS, " and ".join(words), alike
+    one, first = q[len(q) // 2], T[len(q) // 2]
+    orders = np.array(list(permutations(range(6))))
+    guess = fk(model, one[orders])
+    distances = np.linalg.norm(guess.translation_m - first.translation_m, axis=1)
+    for order in orders[distances <= POSE_M]:
+        names = ", ".join(model.joints[place].name for place in np.argsort(order))
+        yield Cause.ORDER, f"they come as {names}", near(*apart(fk(model, q[:, order]), T))
+
+
+def _long(what: str, factor: float) -> list[str]:
+    return [] if factor == 1 else [f"{what} in mm" if factor == 1e3 else f"{what} {factor:g} times too large"]
+
+
+def _shrunk(T: SE3, factor: float) -> SE3:
+    return SE3.from_parts(T.rotation, T.translation_m / factor)
+
+
+def apart(a: SE3, b: SE3) -> tuple[float, float]:
+    """Return the greatest distance (m) and angle (rad) between poses (n,) of two lists."""
+    D = a.inverse() @ b
+    return float(np.linalg.norm(D.translation_m, axis=-1).max()), float(D.rotation.angle().max())
+
+
+def near(off_m: float, off_rad: float, within_m: float = POSE_M, within_rad: float = POSE_RAD) -> bool:
+    """Return whether a distance and an angle count as none."""
+    return off_m <= within_m and off_rad <= within_rad
+
+
+def frame_of(station: Station, arm: str, T_base_tip: SE3, T: SE3) -> str | None:
+    """Return in which frame other than the station's world poses are, in words; None: in none that is known.
+
+    Args:
+        station: of the arm.
+        arm: name.
+        T_base_tip: (n,) poses in the arm's base.
+        T: (n,) poses of the same moments, in the frame that is looked for.
+    """
+    T_world_tip = base_of(station, arm) @ T_base_tip
+    guesses = {"the arm's own base": T_base_tip}
+    guesses |= {f"the base of {one!r}": base_of(station, one).inverse() @ T_world_tip for one in station.arms}
+    for name, camera in station.cameras.items():
+        T_world_camera = camera.T_world_camera_registered or camera.T_world_camera
+        T_world_view = T_world_camera @ SE3.from_parts(SO3.axis("z", pi))
+        guesses[f"the frame of camera {name!r}"] = T_world_camera.inverse() @ T_world_tip
+        guesses[f"the view frame of camera {name!r} (x left, y up)"] = T_world_view.inverse() @ T_world_tip
+    for where, guess in guesses.items():
+        if near(*apart(guess, T), FRAME_M, FRAME_RAD):
+            return where
+    others = [one for one in station.arms if one != arm]
+    swapped = [one for one in others if near(*apart(base_of(station, one) @ T_base_tip, T), FRAME_M, FRAME_RAD)]
+    return f"the world if this is arm {swapped[0]!r}: two arms have each other's namespace" if swapped else None
+
+
+def base_of(station: Station, arm: str) -> SE3:
+    """Return an arm's base in the world, as registered if the station says so."""
+    found = station.arms[arm]
+    return found.T_world_base_registered or found.T_world_base

@@ -1,0 +1,129 @@
+"""Listen to a robot without touching it: what its arms and cameras publish, and who is there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from trocar.crtk.bus import Bus, Endpoint, Subscriber
+from trocar.crtk.dialect import jaw_topic, pose_kind, state_kind
+from trocar.crtk.messages import CameraInfo, Empty, Image, JointState, StringStamped
+from trocar.lab.station import Station
+from trocar.lab.topics import Dialect, Topics
+from trocar.perception.image import StereoRig
+
+POLL_S = 0.001
+KEPT_IMAGES = 3
+Message = tuple[float, Any]
+"""When it came on the machine's clock, s since 1970, and the message."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A topic of a robot.
+
+    Attributes:
+        kind: of its messages.
+        latched: late readers get the last message.
+        needed: every robot has it; else one of another dialect may lack it.
+        kept: messages that wait to be taken.
+    """
+
+    kind: type
+    latched: bool = False
+    needed: bool = True
+    kept: int = 1000
+
+
+def published_by(arm: str, topics: Topics) -> dict[str, Wanted]:
+    """Return what an arm publishes, by its full topic."""
+    topic, dialect = topics.of_arm(arm), topics.dialect
+    jaw, modern = jaw_topic(dialect, topic), dialect is Dialect.DVRK
+    found = {f"{topic}/operating_state": Wanted(state_kind(dialect), latched=True)}
+    found |= {f"{topic}/{what}": Wanted(JointState) for what in ("measured_js", "setpoint_js")}
+    found |= {f"{jaw}/{what}": Wanted(JointState) for what in ("measured_js", "setpoint_js")}
+    poses = ("local/measured_cp", "measured_cp", "setpoint_cp")
+    return found | {f"{topic}/{what}": Wanted(pose_kind(dialect), needed=modern) for what in poses}
+
+
+def heard_by(arm: str, topics: Topics) -> dict[str, type]:
+    """Return the commands that an arm has to take from the loop that drives it, by their full topics."""
+    topic, raven = topics.of_arm(arm), topics.dialect is Dialect.RAVEN
+    verb = "servo_jr" if raven else topics.command.value
+    jaw = jaw_topic(topics.dialect, topic)
+    kinds: dict[str, type] = {f"{topic}/{verb}": JointState, f"{jaw}/{topics.command.value}": JointState}
+    return kinds | ({} if raven else {f"{topic}/state_command": StringStamped, f"{topic}/hold": Empty})
+
+
+def moving(arm: str, topics: Topics) -> tuple[str, ...]:
+    """Return the beginnings of all topics that move an arm."""
+    topic = topics.of_arm(arm)
+    places = (topic, jaw_topic(topics.dialect, topic))
+    return tuple(f"{place}/{verb}" for place in places for verb in ("servo_", "move_"))
+
+
+def shown_by(camera: str, station: Station, topics: Topics) -> dict[str, Wanted]:
+    """Return what a camera publishes: images of both parts, and its lens."""
+    topic, pair = topics.of_camera(camera), isinstance(station.cameras[camera].model, StereoRig)
+    parts = ("left", "right") if pair else ("color", "depth")
+    found = {f"{topic}/{part}/image_raw": Wanted(Image, kept=KEPT_IMAGES) for part in parts}
+    return found | {f"{topic}/{parts[0]}/camera_info": Wanted(CameraInfo, latched=True)}
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What was heard.
+
+    Attributes:
+        messages: of each topic, in the order in which they came.
+        endpoints: publishers and subscribers that were there.
+        pause_s: longest time for which the listener itself was held up.
+    """
+
+    messages: Mapping[str, Sequence[Message]]
+    endpoints: Sequence[Endpoint]
+    pause_s: float = 0.0
+
+
+class Listener:
+    """Subscribes what arms and cameras publish; it never publishes anything.
+
+    Args:
+        bus: to listen on.
+        station: of the robot.
+        topics: where its arms and cameras speak.
+        arms: of these arms.
+        cameras: of these cameras.
+    """
+
+    def __init__(self, bus: Bus, station: Station, topics: Topics, arms: Sequence[str], cameras: Sequence[str] = ()):
+        self._bus = bus
+        wanted = {topic: one for arm in arms for topic, one in published_by(arm, topics).items()}
+        wanted |= {topic: one for camera in cameras for topic, one in shown_by(camera, station, topics).items()}
+        self._sources: dict[str, Subscriber[Any]] = {
+            topic: bus.subscriber(topic, one.kind, latched=one.latched, kept=one.kept) for topic, one in wanted.items()
+        }
+        self._messages: dict[str, list[Message]] = {topic: [] for topic in wanted}
+        self._last_s, self._pause_s = float("nan"), 0.0
+
+    def take(self, now_s: float) -> None:
+        """Take what has come; ``now_s`` is the machine's clock, s since 1970."""
+        self._pause_s = max(self._pause_s, now_s - self._last_s) if self._last_s == self._last_s else 0.0
+        self._last_s = now_s
+        for topic, source in self._sources.items():
+            self._messages[topic] += [(now_s, message) for message in source.take()]
+
+    def heard(self) -> Heard:
+        """Return what has been heard so far."""
+        return Heard(self._messages, self._bus.endpoints(), self._pause_s)
+
+
+def listen(listener: Listener, seconds: float) -> Heard:
+    """Listen for a time."""
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        listener.take(time.time())
+        time.sleep(POLL_S)
+    return listener.heard()
