@@ -55,7 +55,12 @@ CRTK = {
         "Be a robot that speaks CRTK over ROS 2 or 1: a simulated cell in real time, its cables' errors included.",
         "trocar.cli.crtk:serve",
         "trocar crtk serve peg-transfer --seed 1",
-    )
+    ),
+    "doctor": Known(
+        "Listen to a robot that speaks CRTK, and tell what is wrong with it; nothing is commanded.",
+        "trocar.cli.crtk:doctor",
+        "trocar crtk doctor peg-transfer",
+    ),
 }
 
 RECORDING = {

@@ -1,4 +1,4 @@
-"""``trocar crtk``: be a robot that speaks CRTK."""
+"""``trocar crtk``: be a robot that speaks CRTK, and find out what is wrong with one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typer import Option
 from trocar.cli.group import Result
 from trocar.cli.options import Plugins, Seed, StationName, need
 from trocar.cli.out_folder import default_folder
-from trocar.cli.terminal import beside
+from trocar.cli.terminal import beside, rich_table
+from trocar.counting import counted
 from trocar.errors import InvalidInput, InvalidValue
 from trocar.files.output import write_text
 from trocar.lab.topics import MAX_DOMAIN, Topics
@@ -71,6 +72,18 @@ def serve(
             show_default="station.toml in --out",
         ),
     ] = None,
+    fault: Annotated[
+        list[str] | None,
+        Option(metavar="ARM:KIND[=VALUE][@TIMEs]", help="Plant a fault, such as psm1:stale@20s; repeatable."),
+    ] = None,
+    allow: Annotated[
+        list[str] | None,
+        Option(
+            metavar="CLIENT",
+            help="Who may command: a ROS node, an address, localhost, or *; repeatable.",
+            show_default="* on the loopback interface, else nobody",
+        ),
+    ] = None,
     images_hz: Annotated[float, Option(help="Images a second of a camera until it is triggered; 0: none.")] = 1.0,
     ros: Ros = None,
     interface: Interface = None,
@@ -99,9 +112,11 @@ def serve(
     topics = network(loaded.crtk, ros, interface, peer, domain, master)
     if topics.ros == 2 and topics.domain is None:
         topics = replace(topics, domain=int(os.environ.get("ROS_DOMAIN_ID", "0")))
+    from trocar.crtk.faults import fault_of
     from trocar.crtk.served_cell import ServedCell
     from trocar.lab.laboratory import build_cell
 
+    faults = [fault_of(text, list(loaded.arms)) for text in fault or ()]
     referee, folder = None, out
     if task:
         from trocar.crtk.referee import Referee
@@ -117,7 +132,7 @@ def serve(
     drawn = laboratory.session
     if client_station is not None:
         _write_station(client_station, station, drawn, topics)
-    with ServedCell(laboratory, topics, speed, images_hz) as served:
+    with ServedCell(laboratory, topics, speed, images_hz, faults=faults, allowed=allow or ()) as served:
         names = ", ".join(
             [topics.of_arm(name) for name in served.arms] + list(map(topics.of_camera, drawn.station.cameras))
         )
@@ -133,6 +148,7 @@ def serve(
         "received": {name: arm.received for name, arm in served.arms.items()},
         "commands": {name: dict(arm.counts) for name, arm in served.arms.items()},
         "limit_use": {name: laboratory.driver.limit_use(name) for name in served.arms},
+        "refused": dict(served.refused),
         "events": laboratory.log.events,
         "time": asdict(time),
     }
@@ -142,6 +158,7 @@ def serve(
         f"{100 * time.late_share:.2f} % of the ticks were late by a tick or more, the latest by "
         f"{1e3 * time.latest_s:.0f} ms; {100 * time.core_share:.0f} % of a core",
     ]
+    lines += [f"refused: {count} commands of {client}" for client, count in served.refused.items()]
     if referee is not None:
         judged, shown = _judged(referee.save(end, images))
         summary, lines = summary | judged, [shown[0], *lines, *shown[1:]]
@@ -174,3 +191,43 @@ def _judged(path: Path) -> tuple[dict[str, Any], list[Any]]:
     table = run_table(found, report.paper_rows(found), report.paper_count(found))
     told = [table, headline(found), "files: " + ", ".join(map(str, [path, *files]))]
     return {"trial": str(path), "summary": found}, told
+
+
+def doctor(
+    station: StationName,
+    *,
+    seconds: Annotated[float, Option(help="How long to listen.")] = 5.0,
+    ros: Ros = None,
+    interface: Interface = None,
+    peer: Peer = None,
+    domain: Domain = None,
+    master: Master = None,
+) -> Result:
+    """Listen to a robot that speaks CRTK, and tell what is wrong with it; nothing is commanded.
+
+    Exit code 1: a check fails.
+    """
+    if not 1 <= seconds <= 3600:
+        raise InvalidValue("--seconds", seconds, "give 1 to 3600")
+    from trocar.lab import load_station
+
+    found = load_station(station)
+    topics = network(found.crtk, ros, interface, peer, domain, master)
+    from trocar.crtk.bus import open_bus
+    from trocar.crtk.doctor import Verdict, examine_arm, examine_camera
+    from trocar.crtk.listening import Listener, listen
+
+    beside().print(f"listening for {seconds:g} s over ROS {topics.ros} on {topics.interface}", soft_wrap=True)
+    heard = listen(Listener(open_bus(topics), found, topics, list(found.arms), list(found.cameras)), seconds)
+    checks = [check for arm in found.arms for check in examine_arm(heard, found, topics, arm)]
+    checks += [check for camera in found.cameras for check in examine_camera(heard, found, topics, camera)]
+    failed = [check for check in checks if check.verdict is Verdict.FAIL]
+    rows = [(check.of, check.name, check.verdict.value, check.found) for check in checks]
+    end = f"{counted(len(failed), 'check')} of {len(checks)} failed" if failed else "nothing is wrong"
+    lines = [
+        rich_table(f"{station}, {seconds:g} s", ("who", "check", "verdict", "what was found"), rows),
+        *map(str, failed),
+        end,
+    ]
+    values = [{**asdict(check), "verdict": check.verdict.value} for check in checks]
+    return Result({"station": station, "checks": values, "failed": len(failed)}, lines, succeeded=not failed)

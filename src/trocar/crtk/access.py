@@ -71,9 +71,11 @@ class AccessBus:
         self._noted: set[tuple[Any, ...]] = set()
         self.refused: Counter[str] = Counter()
 
-    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
+    def publisher(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+    ) -> Publisher[Message]:
         """Return a publisher of a topic."""
-        return self._bus.publisher(topic, kind, latched=latched)
+        return self._bus.publisher(topic, kind, latched=latched, kept_s=kept_s)
 
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD

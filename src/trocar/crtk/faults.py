@@ -98,13 +98,15 @@ class FaultyBus:
         self._start_s = clock()
         self._begins: list[tuple[float, _Faulty[Any]]] = []
 
-    def publisher(self, topic: str, kind: type[Message], *, latched: bool = False) -> Publisher[Message]:
+    def publisher(
+        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+    ) -> Publisher[Message]:
         """Return a publisher of a topic, with the faults of its arm."""
         topic = self._swapped(topic)
-        arm, what = self._arm_of(topic)
+        arm, what = self.arm_of(topic)
         faults = [fault for fault in self._faults if fault.arm == arm]
         if arm is None or not faults or "header" not in {one.name for one in fields(kind)}:  # type: ignore[arg-type]
-            return self._bus.publisher(topic, kind, latched=latched)
+            return self._bus.publisher(topic, kind, latched=latched, kept_s=kept_s)
         sent_as, planted = kind, []
         for fault in faults:
             known = KINDS[fault.kind]
@@ -113,7 +115,7 @@ class FaultyBus:
                 sent_as, change = known.kinds[kind]
             planted.append(_Planted(fault, change, None if latched else known.delay_s))
         copies = 2 if any(fault.kind == "twice" for fault in faults) else 1
-        publishers = [self._bus.publisher(topic, sent_as, latched=latched) for _ in range(copies)]
+        publishers = [self._bus.publisher(topic, sent_as, latched=latched, kept_s=kept_s) for _ in range(copies)]
         faulty = _Faulty(publishers, planted, self._now_s)
         if latched:  # what is published once is published again when a fault begins
             self._begins += [(fault.at_s, faulty) for fault in faults if fault.at_s]
@@ -141,7 +143,7 @@ class FaultyBus:
             self._begins.pop(0)[1].repeat()
         return now_s
 
-    def _arm_of(self, topic: str) -> tuple[str | None, str]:
+    def arm_of(self, topic: str) -> tuple[str | None, str]:
         """Return the arm of a topic, and the rest of its name."""
         for arm in self._station.arms:
             namespace = f"{self._topics.of_arm(arm)}/"
@@ -151,7 +153,7 @@ class FaultyBus:
 
     def _swapped(self, topic: str) -> str:
         """Return the topic that an arm has in its stead: that of the next arm, if they are swapped."""
-        arm, what = self._arm_of(topic)
+        arm, what = self.arm_of(topic)
         arms = list(self._station.arms)
         for fault in self._faults:
             if fault.kind == "swapped":
@@ -195,5 +197,5 @@ class _Faulty(Publisher[Message]):
         if self._last is not None:
             self.send(self._last)
 
-    def wanted(self) -> bool:
-        return any(publisher.wanted() for publisher in self._publishers)
+    def readers(self) -> int:
+        return max(publisher.readers() for publisher in self._publishers)

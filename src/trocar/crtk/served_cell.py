@@ -12,6 +12,7 @@ from types import TracebackType
 import trio
 
 from trocar.cell import Cell
+from trocar.crtk.faults import Fault
 from trocar.crtk.served_camera import ServedCameras
 from trocar.crtk.server import MAX_LATE_S, CrtkServer
 from trocar.errors import TrocarError
@@ -48,13 +49,28 @@ class ServedCell:
         topics: names and network.
         speed: seconds of the cell a second.
         images_hz: images a second of cameras that run freely.
+        faults: to plant.
+        allowed: who may command, as ``CrtkServer`` takes it.
+
+    Attributes:
+        arms: by name.
+        refused: commands that were refused, by client.
     """
 
-    def __init__(self, laboratory: SimLaboratory, topics: Topics, speed: float = 1.0, images_hz: float = 1.0):
+    def __init__(
+        self,
+        laboratory: SimLaboratory,
+        topics: Topics,
+        speed: float = 1.0,
+        images_hz: float = 1.0,
+        *,
+        faults: Sequence[Fault] = (),
+        allowed: Sequence[str] = (),
+    ):
         self._laboratory, self._pace = laboratory, RealTime(speed, MAX_LATE_S)
-        self._server = CrtkServer(laboratory, topics, speed)
+        self._server = CrtkServer(laboratory, topics, speed, faults=faults, allowed=allowed)
         self._cameras = ServedCameras(laboratory, topics, images_hz)
-        self.arms = self._server.arms
+        self.arms, self.refused = self._server.arms, self._server.refused
         self._beside: list[Script] = [self._server.serve, self._cameras.serve]
         self._open = ExitStack()
         self._core_share = 0.0

@@ -5,12 +5,15 @@ from __future__ import annotations
 import gc
 import importlib
 import time
+from collections.abc import Sequence
 
 import scipy.interpolate  # noqa: F401  # else the first motion would wait for it for a third of a second
 import trio
 
 from trocar.cell import Cell
-from trocar.crtk.bus import open_bus
+from trocar.crtk.access import AccessBus, usual
+from trocar.crtk.bus import Bus, open_bus
+from trocar.crtk.faults import Fault, FaultyBus
 from trocar.crtk.served_arm import ServedArm
 from trocar.lab.topics import Topics
 from trocar.robots import TICK_S
@@ -34,12 +37,34 @@ class CrtkServer:
         laboratory: the cell.
         topics: namespace of each arm, and the network.
         speed: seconds of the cell a second.
+        faults: to plant.
+        allowed: who may command (``trocar.crtk.access``); default: everybody on the loopback interface, else nobody.
+        bus: where to speak; default: the topics' own.
+
+    Attributes:
+        refused: commands that were refused, by client.
     """
 
-    def __init__(self, laboratory: SimLaboratory, topics: Topics, speed: float = 1.0):
+    def __init__(
+        self,
+        laboratory: SimLaboratory,
+        topics: Topics,
+        speed: float = 1.0,
+        *,
+        faults: Sequence[Fault] = (),
+        allowed: Sequence[str] = (),
+        bus: Bus | None = None,
+    ):
         importlib.import_module("scipy.interpolate")  # .3 s, which the tick of the first motion does not have
         self._now_s, self._speed = time.time(), speed
-        bus, session = open_bus(topics), laboratory.session
+        session, planted = (
+            laboratory.session,
+            FaultyBus(bus or open_bus(topics), faults, laboratory.session.station, topics),
+        )
+        bus = AccessBus(
+            planted, allowed or usual(topics.interface), lambda topic: planted.arm_of(topic)[0], laboratory.log.event
+        )
+        self.refused = bus.refused
         self.arms = {
             name: ServedArm(name, model, laboratory, bus, topics.of_arm(name), session.T_world_base_registered[name])
             for name, model in laboratory.cell.arms.items()

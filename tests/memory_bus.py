@@ -13,7 +13,7 @@ class MemoryBus:
         self.wire = Wire() if wire is None else wire
         self.node, self.address = node, address
 
-    def publisher(self, topic, kind, *, latched=False):
+    def publisher(self, topic, kind, *, latched=False, kept_s=None):
         self.wire.endpoints.append(Endpoint(topic, "/".join(ros_name(kind)), True, self.client(self)))
         return _Out(self, topic, kind, latched)
 
@@ -46,8 +46,8 @@ class _Out(Publisher):
         for one in self._bus.wire.subscribers[self._key]:
             one.unread.append((0.0, self._bus, message))
 
-    def wanted(self):
-        return bool(self._bus.wire.subscribers[self._key])
+    def readers(self):
+        return len(self._bus.wire.subscribers[self._key])
 
 
 class _In(Subscriber):
