@@ -122,7 +122,8 @@ class ServedCell:
 
 @contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    before = {number: signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT)) for number in ENDING}
+    before = {signal.SIGINT: signal.signal(signal.SIGINT, signal.default_int_handler)}  # a shell's `&` ignores it
+    before |= {number: signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT)) for number in ENDING}
     try:
         yield
     finally:
