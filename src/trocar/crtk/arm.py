@@ -19,6 +19,8 @@ from trocar.lab.topics import Command, Dialect, Topics
 CONNECT_S = 5.0
 SILENT_S = 0.05
 """After so long without a reading it is looked at whether anybody publishes."""
+ALONE_S = 0.03
+"""Where nobody has for this long, the connection is lost."""
 REMEMBERED = 500
 """Stamps of what was sent, by which it is told from what others send."""
 RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3, 2.5e-3])
@@ -63,6 +65,7 @@ class CrtkArm:
         self._last: NDArray[np.float64] | None = None  # positions that the arm has been sent to
         self._jaw_last = np.nan
         self._fault: ArmFault | None = None
+        self._alone_s = time.monotonic()
         self._wait_for(topics, jaw)
         self._require_enabled()
 
@@ -129,7 +132,10 @@ class CrtkArm:
             return ArmFault(self._name, known, f"{self._topic}/operating_state is {state.state}")
         if not state.is_homed:
             return ArmFault(self._name, Fault.UNHOMED)
-        if age_s > SILENT_S and not (self._measured.senders() and self._jaw_measured.senders()):
+        now_s = time.monotonic()
+        if age_s <= SILENT_S or (self._measured.senders() and self._jaw_measured.senders()):
+            self._alone_s = now_s
+        if now_s - self._alone_s > ALONE_S:
             return ArmFault(self._name, Fault.LOST, f"{self._topic}/measured_js, for {age_s:.2f} s")
         return None
 

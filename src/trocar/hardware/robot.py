@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import multiprocessing
 import time
 from collections import deque
@@ -24,6 +25,8 @@ from trocar.trajectory import Trajectory
 
 CONNECT_S = 20.0
 """The loop's process has this long to start and to connect all arms."""
+STILL_RAD = 1e-3
+"""Jaws that turn by less than this while they should rest have stopped."""
 ALIVE_S = 0.1
 """Signs of life are given this often."""
 
@@ -194,8 +197,16 @@ class HardwareRobot:
             self._send(Jaw(next(self._keys), arm, float(self._arm(arm).sent[6])))
             raise
         if job.endings[arm].ended is MotionEnd.DONE:
-            await trio.sleep(JAW_REST_S)
+            await self._jaws_still(arm)
         return self._result(job, arm)
+
+    async def _jaws_still(self, arm: str) -> None:
+        """Return when the jaws read still, which a network tells late; at most ``lag_s`` later."""
+        end_s = time.monotonic() + max(JAW_REST_S, self.settings.lag_s)
+        before_rad = math.inf
+        while abs(self.read(arm).jaw_rad - before_rad) > STILL_RAD and time.monotonic() < end_s:
+            before_rad = self.read(arm).jaw_rad
+            await trio.sleep(JAW_REST_S)
 
     def _begin(self, arms: Iterable[str], motions: Mapping[str, Trajectory] | None = None) -> tuple[int, _Job]:
         key, job = next(self._keys), _Job(set(arms), self._row + len(self._rows), dict(motions or {}))
