@@ -105,8 +105,9 @@ def test_motions_that_replace_each_other_again_and_again_stay_within_the_limits(
         assert not cell.robot.setpoint(ARM).moving
 
     assert laboratory.run(script, 60.0)
-    assert ends.count(MotionEnd.DONE) == 1 and ends.count(MotionEnd.REPLACED) + ends.count(None) == 5
-    assert ends.count(MotionEnd.REPLACED) >= 2
+    done, replaced, late = (ends.count(end) for end in (MotionEnd.DONE, MotionEnd.REPLACED, None))
+    assert done + replaced + late == len(ends) == 6
+    assert 1 <= done <= 1 + late, "a motion runs to its end if it is the last, or if what should replace it comes too late"
     assert max(use(tmp_path / "sent")) <= 1.001
 
 
