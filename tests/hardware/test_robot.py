@@ -107,7 +107,7 @@ def test_motions_that_replace_each_other_again_and_again_stay_within_the_limits(
     assert laboratory.run(script, 60.0)
     done, replaced, late = (ends.count(end) for end in (MotionEnd.DONE, MotionEnd.REPLACED, None))
     assert done + replaced + late == len(ends) == 6
-    assert 1 <= done <= 1 + late, "a motion runs to its end if it is the last, or if what should replace it comes too late"
+    assert done >= 1, "the last one, and any that is over before its successor comes"
     assert max(use(tmp_path / "sent")) <= 1.001
 
 
