@@ -105,9 +105,8 @@ def test_motions_that_replace_each_other_again_and_again_stay_within_the_limits(
         assert not cell.robot.setpoint(ARM).moving
 
     assert laboratory.run(script, 60.0)
-    done, replaced, late = (ends.count(end) for end in (MotionEnd.DONE, MotionEnd.REPLACED, None))
-    assert done + replaced + late == len(ends) == 6
-    assert done >= 1, "the last one, and any that is over before its successor comes"
+    assert ends.count(MotionEnd.DONE) == 1 and ends.count(MotionEnd.REPLACED) + ends.count(None) == 5
+    assert ends.count(MotionEnd.REPLACED) >= 2
     assert max(use(tmp_path / "sent")) <= 1.001
 
 

@@ -8,6 +8,7 @@ what is sent stays within the limits. Whatever goes wrong brakes the arm on its 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import queue
 import signal
@@ -330,6 +331,7 @@ def serve(
     if settings.priority > 0 and hasattr(os, "sched_setscheduler"):
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(settings.priority))
+    importlib.import_module("scipy.interpolate")  # .13 s, for which the first motion would wait, and ticks be late
     told.send(None)
     unsent: queue.SimpleQueue[Report] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(said, loop.inbox), daemon=True).start()
