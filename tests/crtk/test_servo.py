@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
@@ -80,6 +80,24 @@ def test_a_step_is_approached_without_overshoot_in_the_shortest_time():
     shortest_s = 0.5 / LIMITS.velocity[0] + LIMITS.velocity[0] / LIMITS.acceleration[0]
     arrived = np.flatnonzero(q[:, 0] > 0.5 - 1e-9)[0] * TICK_S
     assert shortest_s <= arrived <= shortest_s + 0.06
+
+
+@given(stall_s=st.floats(0.0, 0.3), at_s=st.floats(0.05, 0.6), sharp=st.floats(0.3, 1.0))
+@settings(max_examples=60, deadline=None)
+def test_a_stream_that_was_held_up_is_caught_up_with_and_its_end_is_not_overshot(stall_s, at_s, sharp):
+    """It accelerates and brakes with ``sharp`` of the limit; nothing comes for a while, then all at once."""
+    change, end_m = sharp * LIMITS.acceleration[0], 0.3
+    half_s = np.sqrt(end_m / change)
+    times = np.arange(0, 2 * half_s + 0.01, 0.01)
+    q = np.where(times < half_s, change * times**2 / 2, end_m - change * np.maximum(2 * half_s - times, 0) ** 2 / 2)
+    speeds = np.diff(q) / 0.01
+    assume(speeds.max() < LIMITS.velocity[0])
+    came = np.where((times > at_s) & (times < at_s + stall_s), at_s + stall_s, times)
+    stream = [(100.0 + c, 1.0 + t, (x, 0.0)) for c, t, x in zip(came, times, q, strict=True)]
+    driven, _ = played(stream, 3.0)
+    assert keeps_limits(driven)
+    assert driven[:, 0].max() < end_m + 1e-3
+    assert driven[-1, 0] == pytest.approx(end_m, abs=1e-9)
 
 
 def test_a_stream_that_breaks_off_is_braked_and_returns_to_its_last_set_point():

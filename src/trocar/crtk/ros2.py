@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import time
 from collections.abc import Hashable
@@ -29,8 +30,6 @@ CONFIGURATION = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface ad
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex><Peers>{peers}</Peers>
 </Discovery><Compatibility><IgnoreTypeInformation>{vendor}</IgnoreTypeInformation></Compatibility></Domain></CycloneDDS>"""
 
-DOMAINS: list[Any] = []
-"""Kept, since a domain ends with its object."""
 Message = TypeVar("Message")
 
 
@@ -81,7 +80,9 @@ def _participant(interface: str, peers: tuple[str, ...], domain: int) -> tuple[A
     hosts = "".join(f'<Peer address="{host}"/>' for host in (interface, *peers))
     text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS)
     try:
-        DOMAINS.append(Domain(domain, text))
+        # Kept beyond the interpreter's end: a domain ends with its object, and Cyclone 11.0.1 was once seen to wait for
+        # ever when it ends one, after all had been said and saved. The process's end ends it, too.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(Domain(domain, text)))
         participant = DomainParticipant(domain)
         return participant, Graph(participant)
     except Exception as error:
