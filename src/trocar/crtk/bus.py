@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
@@ -87,19 +88,19 @@ class Bus(Protocol):
         ...
 
 
-class Publisher(Generic[Message]):
+class Publisher(ABC, Generic[Message]):
     """Sends messages of one topic."""
 
+    @abstractmethod
     def send(self, message: Message) -> None:
         """Send one."""
-        raise NotImplementedError
 
+    @abstractmethod
     def readers(self) -> int:
         """Return how many subscribe the topic."""
-        raise NotImplementedError
 
 
-class Subscriber(Generic[Message]):
+class Subscriber(ABC, Generic[Message]):
     """Receives messages of one topic.
 
     Attributes:
@@ -121,13 +122,13 @@ class Subscriber(Generic[Message]):
             self.at_s, _, self.last = come[-1]
         return [message for _, _, message in come]
 
+    @abstractmethod
     def senders(self) -> int:
         """Return how many publishers it is connected to now."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _come(self) -> list[tuple[float, Hashable, Message]]:
         """Return when each message came, who sent it, and the message."""
-        raise NotImplementedError
 
 
 def open_bus(topics: Topics) -> Bus:
