@@ -57,6 +57,7 @@ class Try:
         velocity: largest share of its limit in what the robot did; likewise acceleration.
         faults: that the client named.
         ended: how its trial ended, and why.
+        started_s: until the arms moved.
         seconds: that the whole try took.
         wrong: sentences.
     """
@@ -70,6 +71,7 @@ class Try:
     faults: list[str] = field(default_factory=list)
     ended: str = ""
     reason: str = ""
+    started_s: float = 0.0
     seconds: float = 0.0
     wrong: list[str] = field(default_factory=list)
 
@@ -96,9 +98,11 @@ class Bench:
         client = Process(line, self._out / f"client-{number:03d}.log", {}, self._python)
         if not until(lambda: robot.record.moving(first) or client.code is not None, START_S) or client.code is not None:
             found.wrong.append("the arms did not begin to move")
+        moved_s = time.monotonic()
+        found.started_s = round(moved_s - began_s, 2)
         time.sleep(0 if KINDS[kind].plant or client.code is not None else rng.uniform(0, WITHIN_S))
-        found.at_s = 0.0
         at_s = time.monotonic()
+        found.at_s = round(at_s - moved_s, 2)
         done = KINDS[kind].happen(Scene(client, robot, rng)) if client.code is None else Done("nothing")
         found.what = done.what
         if not client.ended(END_S):
@@ -122,7 +126,7 @@ class Bench:
         found.wrong += [f"half-written: {path}" for path in out.rglob("*.part*")]
         if not done.robot_is_well or found.wrong:
             self.end()
-        found.seconds = time.monotonic() - began_s
+        found.seconds = round(time.monotonic() - began_s, 1)
         self._tidy(found, out)
         return found
 
@@ -234,7 +238,7 @@ def main() -> int:
                 with lines.open("a") as file:
                     file.write(f"{json.dumps(asdict(found))}\n")
                 said = f"{found.kind}: {found.what} {found.at_s:.1f} s after the start; {', '.join(found.faults) or 'no fault'}"
-                print(f"{number:3d} {found.seconds:4.0f} s  {said}; {found.ended}: {found.reason}", flush=True)
+                print(f"{number:3d} {found.seconds:4.0f} s, moved after {found.started_s:.0f} s: {said}; {found.ended}: {found.reason}", flush=True)
                 for wrong in found.wrong:
                     print(f"    WRONG: {wrong}", flush=True)
         finally:

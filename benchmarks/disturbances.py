@@ -9,6 +9,7 @@ import os
 import random
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -28,7 +29,9 @@ VARIANT = "bilateral"
 BUDGET_S = 7.0
 """A script that nothing has stopped is stopped after this."""
 START_S, END_S = 60.0, 60.0
-PIDFD_GETFD = 438
+PIDFD_GETFD, SO_ATTACH_FILTER = 438, 26
+_RETURN = ctypes.create_string_buffer(struct.pack("HBBI", 0x06, 0, 0, 0))  # keep 0 bytes of a packet
+_NOTHING = struct.pack("HL", 1, ctypes.addressof(_RETURN))
 SHORT_S = 0.3
 """An interruption that is shorter need not be noticed."""
 
@@ -183,7 +186,10 @@ def _seconds(rng: random.Random) -> float:
 
 
 def drop_sockets(pid: int) -> int:
-    """Shut down all sockets of another process for the network; return how many."""
+    """Let all sockets of another process for the network hear nothing more; return how many.
+
+    Those of TCP are shut down, which both sides notice; those of UDP lose whatever comes, as on a network that is cut.
+    """
     process, dropped = os.pidfd_open(pid), 0
     call = ctypes.CDLL(None, use_errno=True).syscall
     for entry in os.listdir(f"/proc/{pid}/fd"):
@@ -195,7 +201,10 @@ def drop_sockets(pid: int) -> int:
                 with socket.socket(fileno=copy) as one:
                     if one.family == socket.AF_INET:
                         dropped += 1
-                        one.shutdown(socket.SHUT_RDWR)  # that of UDP is said to fail, and hears nothing from then on
+                        if one.type == socket.SOCK_STREAM:
+                            one.shutdown(socket.SHUT_RDWR)
+                        else:
+                            one.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, _NOTHING)
     os.close(process)
     return dropped
 
