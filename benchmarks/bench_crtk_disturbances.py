@@ -20,12 +20,12 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from disturbances import BUDGET_S, END_S, KINDS, SHORT_S, START_S, STATION, VARIANT, Done, Process, Robot, Scene, until
+from disturbances import BUDGET_S, END_S, KINDS, SHORT_S, START_S, STATION, VARIANT, Done, Process, Robot, Scene, happen, until
 from served_record import TICK_SERVOS
 
 from trocar.errors import TrocarError
@@ -35,7 +35,7 @@ from trocar.hardware.arm import PASSING, Fault
 MOST_RATIO = 1.001
 WITHIN_S = 3.5
 """Arms that move are disturbed within this."""
-FAULT_S = 8.0
+FAULT_S = 6.0
 """A planted fault begins so long after the robot was started, and up to ``WITHIN_S`` later: the arms move by then."""
 REST_S = 3.0
 """Arms are at rest so long after the client has ended."""
@@ -57,6 +57,7 @@ class Try:
         velocity: largest share of its limit in what the robot did; likewise acceleration.
         faults: that the client named.
         ended: how its trial ended, and why.
+        started: whether the arms moved; where the robot is faulty from the start they need not.
         started_s: until the arms moved.
         seconds: that the whole try took.
         wrong: sentences.
@@ -71,6 +72,7 @@ class Try:
     faults: list[str] = field(default_factory=list)
     ended: str = ""
     reason: str = ""
+    started: bool = True
     started_s: float = 0.0
     seconds: float = 0.0
     wrong: list[str] = field(default_factory=list)
@@ -97,14 +99,16 @@ class Bench:
         line += ["--robot", f"crtk:{robot.station}", "--enable-motion", "--yes", "--out", out]
         client = Process(line, self._out / f"client-{number:03d}.log", {}, self._python)
         if not until(lambda: robot.record.moving(first) or client.code is not None, START_S) or client.code is not None:
-            found.wrong.append("the arms did not begin to move")
+            found.started = False
         moved_s = time.monotonic()
         found.started_s = round(moved_s - began_s, 2)
         time.sleep(0 if KINDS[kind].plant or client.code is not None else rng.uniform(0, WITHIN_S))
         at_s = time.monotonic()
         found.at_s = round(at_s - moved_s, 2)
-        done = KINDS[kind].happen(Scene(client, robot, rng)) if client.code is None else Done("nothing")
+        done = happen(KINDS[kind], Scene(client, robot, rng, moved_s))
         found.what = done.what
+        if not found.started and not (KINDS[kind].plant and client.code):
+            found.wrong.append("the arms did not begin to move")
         if not client.ended(END_S):
             found.wrong.append(f"the client did not end within {END_S:g} s")
         found.wrong += [f"left behind: {line}" for line in client.clear(5.0)]
@@ -121,7 +125,7 @@ class Bench:
         self._client_out = None
         if kind == "script killed":
             self._client_out = out  # the next try is the same command again
-        else:
+        elif found.started or not client.code:
             self._judge(found, trial_file(out, 0, 0), client, done, moving)
         found.wrong += [f"half-written: {path}" for path in out.rglob("*.part*")]
         if not done.robot_is_well or found.wrong:
@@ -229,7 +233,7 @@ def main() -> int:
     words, python = [], sys.executable
     if options.ros == 1:
         words, python = ["--ros", "1", "--master", f"http://127.0.0.1:{options.port}"], ".ros1/bin/python"
-    with _master(options.port) if options.ros == 1 else contextmanager(lambda: iter([None]))():
+    with _master(options.port) if options.ros == 1 else nullcontext():
         bench = Bench(out, options.seed, words, python)
         try:
             for number in range(len(tries), options.times):

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from served_record import WHERE, ServedRecord
@@ -29,6 +29,8 @@ VARIANT = "bilateral"
 BUDGET_S = 7.0
 """A script that nothing has stopped is stopped after this."""
 START_S, END_S = 60.0, 60.0
+LAST_S = 1.0
+"""A fault need not be noticed if a script begins no other motion before its end; so long before, it does."""
 PIDFD_GETFD, SO_ATTACH_FILTER = 438, 26
 _RETURN = ctypes.create_string_buffer(struct.pack("HBBI", 0x06, 0, 0, 0))  # keep 0 bytes of a packet
 _NOTHING = struct.pack("HL", 1, ctypes.addressof(_RETURN))
@@ -71,8 +73,19 @@ class Process:
         return found
 
     def loop(self) -> int:
-        """Return the number of the process of the arms' loop."""
-        return next(pid for pid, line in self.family().items() if "spawn_main" in line)
+        """Return the number of the process of the arms' loop.
+
+        Raises:
+            ProcessLookupError: it has ended.
+        """
+        for pid, line in self.family().items():
+            if "spawn_main" in line:
+                return pid
+        raise ProcessLookupError
+
+    def stopped(self) -> bool:
+        """Return whether it has told of a fault."""
+        return ": fault: " in self.log.read_text()
 
     def clear(self, limit_s: float) -> list[str]:
         """Wait for the whole group to end; kill what is left then, and return its command lines."""
@@ -135,11 +148,12 @@ class Robot:
 
 @dataclass(frozen=True)
 class Scene:
-    """A task that is being done: by which process, on which robot."""
+    """A task that is being done: by which process, on which robot, and since when its arms move."""
 
     client: Process
     robot: Robot
     rng: random.Random
+    moved_s: float
 
 
 @dataclass(frozen=True)
@@ -166,6 +180,16 @@ class Kind:
     faults: tuple[Fault, ...] = ()
     moving: bool = False
     plant: str = ""
+
+
+def happen(kind: Kind, scene: Scene) -> Done:
+    """Let something happen to a task; nothing if the process to which it happens has just ended."""
+    try:
+        stopped = scene.client.stopped()
+        done = kind.happen(scene)
+        return replace(done, what=f"{done.what}, when it had stopped already", lasted_s=0.0) if stopped else done
+    except (ProcessLookupError, FileNotFoundError):
+        return Done("nothing: it had ended", 0.0)
 
 
 def _kill(pid: int, who: str, *, robot_is_well: bool = True) -> Done:
@@ -234,7 +258,8 @@ def _wait(scene: Scene) -> Done:
     """Wait for the fault that was planted in the robot when it was started."""
     due_s = scene.robot.began_s + scene.robot.fault_s
     until(lambda: scene.client.code is not None, max(0.0, due_s - time.monotonic()))
-    return Done(f"{scene.robot.plant} from {scene.robot.fault_s:.1f} s on", robot_is_well=False)
+    noticed = scene.client.code is None and due_s < scene.moved_s + BUDGET_S - LAST_S
+    return Done(f"{scene.robot.plant} from {due_s - scene.moved_s:.1f} s on", math.inf if noticed else 0.0, False)
 
 
 SILENT = (Fault.LOST, Fault.STALE, Fault.FOLLOWING)
@@ -245,7 +270,7 @@ KINDS: dict[str, Kind] = {
     "robot told to end": Kind(_end, SILENT),
     "robot paused": Kind(lambda s: _pause(s.robot.process.pid, "robot", _seconds(s.rng)), SILENT),
     "script paused": Kind(lambda s: _pause(s.client.pid, "script", _seconds(s.rng))),
-    "loop paused": Kind(lambda s: _pause(s.client.loop(), "loop", _seconds(s.rng)), (Fault.LATE,), moving=True),
+    "loop paused": Kind(lambda s: _pause(s.client.loop(), "loop", _seconds(s.rng)), (Fault.LATE, *SILENT), moving=True),
     "script's sockets": Kind(lambda s: _drop(s.client.pid, "script")),
     "loop's sockets": Kind(lambda s: _drop(s.client.loop(), "loop"), SILENT),
     "robot's sockets": Kind(lambda s: _drop(s.robot.process.pid, "robot", robot_is_well=False), SILENT),

@@ -100,7 +100,7 @@ class HardwareRobot:
         try:
             problem = self._told.recv()
             if problem is None:
-                self._report: Report = self._told.recv()
+                self._take(self._told.recv())
         except EOFError:
             problem = "its process ended while connecting"
         if problem is not None:
@@ -290,7 +290,7 @@ class HardwareRobot:
 
     def _take(self, report: Report) -> None:
         """Take in one report."""
-        self._report = report
+        self._report: Report = report
         self._rows.append(report)
         for fault in report.faults:
             self._note_fault(fault)
