@@ -15,6 +15,7 @@ import json
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -87,10 +88,10 @@ class Bench:
         self._used = 0
         self._client_out: Path | None = None
 
-    def attempt(self, number: int) -> Try:
-        """Do one try."""
+    def attempt(self, number: int, kind: str = "") -> Try:
+        """Do one try, of a kind or of any."""
         rng, began_s = random.Random(f"{self._seed}-{number}"), time.monotonic()
-        kind = rng.choice(list(KINDS))
+        kind = kind or rng.choice(list(KINDS))
         found = Try(number, kind)
         robot = self._fresh(KINDS[kind].plant, FAULT_S + rng.uniform(0, WITHIN_S))
         first = len(robot.record)
@@ -226,6 +227,7 @@ def main() -> int:
     parser.add_argument("--port", type=int, default=11331, help="of the ROS 1 master that is started")
     parser.add_argument("--out", type=Path, default=Path("out/disturbances"), help="folder of the tries")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # else processes would be left behind
     out = options.out.absolute()
     out.mkdir(parents=True, exist_ok=True)
     lines = out / "tries.jsonl"

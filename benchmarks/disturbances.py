@@ -49,7 +49,7 @@ class Process:
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=file,
-                start_new_session=True,
+                process_group=0,  # of the same session, so that a busy machine is as busy for it as for the others
             )
         self.pid, self.log = self._popen.pid, log
 
@@ -273,7 +273,7 @@ KINDS: dict[str, Kind] = {
     "loop paused": Kind(lambda s: _pause(s.client.loop(), "loop", _seconds(s.rng)), (Fault.LATE, *SILENT), moving=True),
     "script's sockets": Kind(lambda s: _drop(s.client.pid, "script")),
     "loop's sockets": Kind(lambda s: _drop(s.client.loop(), "loop"), SILENT),
-    "robot's sockets": Kind(lambda s: _drop(s.robot.process.pid, "robot", robot_is_well=False), SILENT),
+    "robot's sockets": Kind(lambda s: _drop(s.robot.process.pid, "robot", robot_is_well=False), SILENT, moving=True),
     "stream ends": Kind(_wait, SILENT, plant="silent"),
     "stream freezes": Kind(_wait, (Fault.STALE, Fault.FOLLOWING), plant="stale"),
     "encoders freeze": Kind(_wait, (Fault.FOLLOWING,), plant="frozen"),

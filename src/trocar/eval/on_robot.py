@@ -72,8 +72,9 @@ def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None
         except KeyboardInterrupt:
             end = End(STOPPED, "a person stopped it (Ctrl-C)")
         if end.outcome != DONE:
-            more = {"traceback": end.where} if end.where else {}
-            laboratory.log.event("stopped", outcome=end.outcome, reason=end.reason, **more)
+            more = {"traceback": end.where, "error": end.error}
+            told = {name: value for name, value in more.items() if value}
+            laboratory.log.event("stopped", outcome=end.outcome, reason=end.reason, **told)
         duration_s = laboratory.cell.clock.now_s()
     # once its loop is closed: until then an arm may have a last tick to go
     return _trial(config, index, laboratory, end, duration_s, plain(settings), time.perf_counter() - began)

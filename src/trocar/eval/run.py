@@ -87,7 +87,7 @@ def play_agent(
     except PhysicsError:
         raise
     except (TrocarError, OSError) as error:  # refused by the guard, or a device that does not answer
-        return End(FAULT, str(error))
+        return End(FAULT, str(error), error=type(error).__name__)
     except SystemExit as error:
         return End(FAULT, f"the script tried to exit the program (exit code {error.code})")
     except Exception as error:
