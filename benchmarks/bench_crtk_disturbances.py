@@ -36,7 +36,7 @@ from trocar.hardware.arm import PASSING, Fault
 MOST_RATIO = 1.001
 WITHIN_S = 3.5
 """Arms that move are disturbed within this."""
-FAULT_S = 6.0
+FAULT_S = 6.5
 """A planted fault begins so long after the robot was started, and up to ``WITHIN_S`` later: the arms move by then."""
 REST_S = 3.0
 """Arms are at rest so long after the client has ended."""
@@ -108,6 +108,8 @@ class Bench:
         found.at_s = round(at_s - moved_s, 2)
         done = happen(KINDS[kind], Scene(client, robot, rng, moved_s))
         found.what = done.what
+        if not found.started:  # it was refused, and says why
+            found.reason = client.log.read_text().strip().rpartition("\n")[2]
         if not found.started and not (KINDS[kind].plant and client.code):
             found.wrong.append("the arms did not begin to move")
         if not client.ended(END_S):

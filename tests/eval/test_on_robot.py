@@ -27,6 +27,7 @@ async def stubborn(cell):
         for goal in (FAR, HOME):
             start = cell.robot.setpoint("psm1").q
             await cell.robot.move({"psm1": rest_to_rest(start, goal, LIMITS)})
+            await cell.clock.sleep(0.01)
 
 
 @pytest.mark.parametrize("after", [0, 8])
