@@ -22,11 +22,25 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from disturbances import BUDGET_S, END_S, KINDS, SHORT_S, START_S, STATION, VARIANT, Done, Process, Robot, Scene, happen, until
+from disturbances import (
+    BUDGET_S,
+    END_S,
+    KINDS,
+    SHORT_S,
+    START_S,
+    STATION,
+    VARIANT,
+    Done,
+    Process,
+    Robot,
+    Scene,
+    happen,
+    until,
+)
 from served_record import TICK_SERVOS
 
 from trocar.errors import TrocarError
@@ -206,6 +220,13 @@ def _master(port: int) -> Iterator[None]:
             process.terminate()
 
 
+def told(found: Try) -> str:
+    """Return a try in one line."""
+    when = f"{found.number:3d} {found.seconds:4.0f} s, moved after {found.started_s:.0f} s"
+    named = ", ".join(found.faults) or "no fault"
+    return f"{when}: {found.kind}: {found.what}, {found.at_s:.1f} s later; {named}; {found.ended}: {found.reason}"
+
+
 def table(tries: list[Try]) -> str:
     """Return the results by kind."""
     lines = [f"{'what happened':<22}{'tries':>6}{'wrong':>6}{'velocity':>10}{'accel.':>8}  the client named"]
@@ -245,8 +266,7 @@ def main() -> int:
                 tries.append(found)
                 with lines.open("a") as file:
                     file.write(f"{json.dumps(asdict(found))}\n")
-                said = f"{found.kind}: {found.what} {found.at_s:.1f} s after the start; {', '.join(found.faults) or 'no fault'}"
-                print(f"{number:3d} {found.seconds:4.0f} s, moved after {found.started_s:.0f} s: {said}; {found.ended}: {found.reason}", flush=True)
+                print(told(found), flush=True)
                 for wrong in found.wrong:
                     print(f"    WRONG: {wrong}", flush=True)
         finally:

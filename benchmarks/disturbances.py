@@ -1,4 +1,4 @@
-"""What can happen to a task that is done over CRTK: to its script, its arms' loop, its robot, their network and machine."""
+"""What can happen to a task that is done over CRTK: to script, loop, robot, network and machine."""
 
 from __future__ import annotations
 

@@ -61,7 +61,9 @@ class ServedRecord:
         count = len(self) - first
         if count <= 0:
             return np.zeros((0, WIDTH))
-        return np.fromfile(self._path, count=count * WIDTH, offset=8 * WIDTH * first).reshape(-1, WIDTH)
+        with self._path.open("rb") as file:
+            file.seek(8 * WIDTH * first)
+            return np.frombuffer(file.read(8 * WIDTH * count)).reshape(-1, WIDTH)
 
     def moving(self, first: int) -> bool:
         """Return whether an arm has moved since a row."""

@@ -34,11 +34,20 @@ async def stubborn(cell):
 def test_a_script_that_goes_on_after_a_fault_is_ended_by_it(after):
     """Also if it was there in the first tick, while the arms were being connected."""
     connect = partial(faulty, connect=echo_arms.connect, plant="nan", after=after)
-    with HardwareLaboratory(STATION, connect, RELAXED) as laboratory:
-        with pytest.raises(ArmFault) as found:
-            _run_until_refused(laboratory, stubborn, 20.0)
+    with HardwareLaboratory(STATION, connect, RELAXED) as laboratory, pytest.raises(ArmFault) as found:
+        _run_until_refused(laboratory, stubborn, 20.0)
     assert found.value.fault is Fault.INVALID
     assert Fault.INVALID.name.lower() in [event["fault"] for event in laboratory.log.events if event["name"] == "fault"]
+
+
+def test_what_a_script_makes_of_a_fault_is_not_the_reason():
+    async def confused(cell):
+        (result,) = (await cell.robot.move({"psm1": rest_to_rest(HOME, FAR, LIMITS)})).values()
+        raise ValueError(f"ended {result.ended}")
+
+    connect = partial(faulty, connect=echo_arms.connect, plant="nan")
+    with HardwareLaboratory(STATION, connect, RELAXED) as laboratory, pytest.raises(ArmFault):
+        _run_until_refused(laboratory, confused, 20.0)
 
 
 def test_a_script_whose_arms_are_well_has_its_time(tmp_path):

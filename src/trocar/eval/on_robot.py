@@ -89,7 +89,14 @@ def _run_until_refused(laboratory: HardwareLaboratory, script: Script, budget_s:
             await script(cell)
             nursery.cancel_scope.cancel()
 
-    return laboratory.run(attended, budget_s)
+    ended, error = False, None
+    try:
+        ended = laboratory.run(attended, budget_s)
+    except Exception as other:
+        error = other
+    if (why := laboratory.robot.refused or error) is not None:  # whatever else the script made of it
+        raise why
+    return ended
 
 
 def models_of(config: RunConfig) -> tuple[dict[str, CableModel], dict[str, FleetPrior]]:

@@ -60,6 +60,9 @@ class HardwareRobot:
         note: called as ``note("fault", arm=..., ...)`` with what went wrong.
         record: called with each report of the loop, after it was taken in.
 
+    Attributes:
+        refused: the last fault after which an arm refuses to move; None: there is none.
+
     Raises:
         TrocarError: an arm could not be connected, with the reason.
     """
@@ -83,7 +86,7 @@ class HardwareRobot:
         self._motions: dict[str, tuple[Trajectory, float]] = {}
         self._braking: set[str] = set()
         self._gone: ArmFault | None = None
-        self._refusal: ArmFault | None = None
+        self.refused: ArmFault | None = None
         self._refuses = trio.Event()
         context = multiprocessing.get_context("spawn")
         said, self._say = context.Pipe(duplex=False)
@@ -246,7 +249,7 @@ class HardwareRobot:
 
     def clear_faults(self, *arms: str) -> None:
         """Let these arms, or all, move again after a fault; an arm whose connection failed has to be connected anew."""
-        self._refuses = trio.Event()
+        self.refused, self._refuses = None, trio.Event()
         self._send(Clear(arms))
 
     async def refusal(self) -> None:
@@ -256,8 +259,8 @@ class HardwareRobot:
             ArmFault: this fault.
         """
         await self._refuses.wait()
-        assert self._refusal is not None
-        raise self._refusal
+        assert self.refused is not None
+        raise self.refused
 
     async def rest(self, *arms: str) -> None:
         """Return when these arms, or all, are at rest."""
@@ -295,7 +298,7 @@ class HardwareRobot:
         for fault in report.faults:
             self._note_fault(fault)
             if fault.fault not in PASSING:
-                self._refusal = fault
+                self.refused = fault
                 self._refuses.set()
         for name, arm in report.arms.items():
             if arm.braking is not None:
