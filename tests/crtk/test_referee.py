@@ -8,7 +8,7 @@ pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 from trocar.crtk.referee import Referee
 from trocar.errors import BadFile
 from trocar.eval.config import RunConfig
-from trocar.eval.folder import load_trials
+from trocar.eval.folder import load_trials, still_to_do
 from trocar.eval.prepare import prepare
 from trocar.eval.staged import End, StagedTrial
 from trocar.report.run_page import command_of
@@ -32,6 +32,13 @@ def test_nothing_moved_scores_nothing_of_all_goals_and_the_trial_is_kept(tmp_pat
     assert {score["failure"] for score in trial.scores} == {"NOT_MOVED"}
     words = "trocar crtk serve peg-transfer --task peg-transfer --option transfers=2 --seed 1 --session 0 --trial 0"
     assert command_of(trial.about, 1, 1) == words
+
+
+def test_a_later_session_alone_lacks_nothing(tmp_path):
+    """Each trial is asked for by itself: those before it are not missing."""
+    referee(tmp_path, session=3, trial=2).save(End(), IMAGES)
+    trials, _ = load_trials(tmp_path)
+    assert len(trials) == 1 and still_to_do(tmp_path, len(trials)) == []
 
 
 def test_a_block_that_anybody_puts_on_its_target_counts_without_a_word_of_the_client(tmp_path):

@@ -118,9 +118,14 @@ def _show(
     console.print(run_table(summary, report.paper_rows(summary), report.paper_count(summary)))
     for table in [*report.tables(summary), parts_table(summary)]:
         console.print(table)
-    for trial in (trial for trial in trials if not trial.finished):
-        where = f"session {trial.about['session']}, trial {trial.about['index']}"
-        console.print(f"{where} was stopped ({trial.ended}): {trial.reason}")
+    stopped = [
+        f"session {trial.about['session']}, trial {trial.about['index']} was stopped ({trial.ended}): {trial.reason}"
+        for trial in trials
+        if not trial.finished
+    ]
+    if not trials[0].on_robot:
+        for sentence in stopped:
+            console.print(sentence)
     if summary["failures"]:
         console.print("failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items()))
     compute = ", ".join(f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items())
@@ -150,6 +155,9 @@ def _show(
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
+    if trials[0].on_robot:  # nobody else says what stopped it
+        for sentence in stopped:
+            console.print(sentence, soft_wrap=True, markup=False)
 
 
 def view(

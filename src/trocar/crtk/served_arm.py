@@ -50,6 +50,8 @@ EFFORTS: dict[str, type] = {
 ANSWER_S = 0.25
 """The state is told so much later to whoever begins to read it, or commands what changes nothing: rclpy believes .1 s
 before it hears a topic that it does (measured)."""
+AGAIN_S = (1.0, 3.0)
+"""A new reader is told again so much later: on a busy machine one has missed it, and waited in vain (measured)."""
 STEP_TOLERANCE = 1e-6
 SAME = 1e-12
 """rad, m, and per second: an arm that is this near to the last set-point has reached it."""
@@ -80,7 +82,7 @@ class ServedArm:
         self._asked: NDArray[np.float64] | None = None
         self._state, self._homed, self._busy = "ENABLED", True, 0
         self._told: tuple[str, bool, bool] | None = None
-        self._answer_s: float | None = None
+        self._answers_s: list[float] = []
         self._report = ArmReport(model, bus, topic, T_world_base)
         self._report.ratio(self._ratio)
         kinds = MOTIONS | EFFORTS | {"hold": Empty, "state_command": StringStamped}
@@ -108,11 +110,11 @@ class ServedArm:
 
     def hear(self, nursery: trio.Nursery, now_s: float) -> None:
         """Do what has been asked for since the last tick; ``now_s`` is the machine's time of this one."""
-        if self._answer_s is not None and now_s >= self._answer_s:
-            self._answer_s = None
+        if self._answers_s and now_s >= self._answers_s[0]:
+            self._answers_s.pop(0)
             self._tell_state()
         if self._report.has_new_readers():
-            self._answer_s = now_s + ANSWER_S
+            self._answers_s = [now_s + later_s for later_s in (ANSWER_S, *AGAIN_S)]
         come = {what: messages for what, source in self._in.items() if (messages := source.take())}
         for what, messages in come.items():
             if what in EFFORTS and not self.counts[what]:  # once: it may be a stream
@@ -120,7 +122,7 @@ class ServedArm:
             self.counts[what] += len(messages)
         for message in come.get("state_command", ()):
             self._command(message.string)
-            self._answer_s = now_s + ANSWER_S
+            self._answers_s = sorted([now_s + ANSWER_S, *self._answers_s])
         if "hold" in come:
             self._hold()
         for message in come.get("trajectory_j/set_ratio", ()):

@@ -8,6 +8,7 @@ from typing import Any
 from trocar.counting import counted
 from trocar.errors import BadFile, TrocarError
 from trocar.eval.config import RunConfig
+from trocar.eval.method import CLIENT
 from trocar.eval.trial import Trial, trial_about, trial_file, trial_files
 from trocar.eval.trials import Trials
 from trocar.files.output import write_json
@@ -128,6 +129,8 @@ def requested(folder: str | Path) -> tuple[int, int] | None:
 
 def still_to_do(folder: str | Path, done: int) -> list[str]:
     """Return a sentence if a run has fewer trials than requested, so that it is not taken for the whole run."""
+    if _record(Path(folder)).get("method") == CLIENT:
+        return []  # each trial of another program is asked for by itself
     record = requested(folder)
     if record is None:
         return [f"{str(Path(folder) / RECORD)!r} cannot be read, so the run's number of trials is unknown"]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
+from functools import partial
 
 import numpy as np
+import trio
 
 from trocar.calibration.fleet import FleetPrior, expected, load_prior
 from trocar.calibration.models import CableModel, load_model
+from trocar.cell import Cell
 from trocar.eval.config import TRIALS, RunConfig
 from trocar.eval.method import AgentContext, pick_perception
 from trocar.eval.run import compensated, play_agent
@@ -21,6 +24,7 @@ from trocar.log import machine_speed
 from trocar.motion import PLANNERS
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import Listener
+from trocar.sim.pace import Script
 
 STOPPED = "STOPPED"
 """How a trial ended that a person stopped."""
@@ -62,14 +66,37 @@ def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None
             rng=np.random.default_rng(config.seeds(SESSION, TRIALS, index)),
             settings=settings,
         )
+        run = partial(_run_until_refused, laboratory)
         try:
-            end = play_agent(laboratory, method, context, config.task.budget_s, raise_errors=False)
+            end = play_agent(run, method, context, config.task.budget_s, raise_errors=False)
         except KeyboardInterrupt:
             end = End(STOPPED, "a person stopped it (Ctrl-C)")
         if end.outcome != DONE:
-            more = {"traceback": end.where} if end.where else {}
-            laboratory.log.event("stopped", outcome=end.outcome, reason=end.reason, **more)
-        return _trial(config, index, laboratory, end, plain(settings), time.perf_counter() - began)
+            more = {"traceback": end.where, "error": end.error}
+            told = {name: value for name, value in more.items() if value}
+            laboratory.log.event("stopped", outcome=end.outcome, reason=end.reason, **told)
+        duration_s = laboratory.cell.clock.now_s()
+    # once its loop is closed: until then an arm may have a last tick to go
+    return _trial(config, index, laboratory, end, duration_s, plain(settings), time.perf_counter() - began)
+
+
+def _run_until_refused(laboratory: HardwareLaboratory, script: Script, budget_s: float) -> bool:
+    """Run a script until an arm refuses to move because something is wrong: from then on it could only fail."""
+
+    async def attended(cell: Cell) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(laboratory.robot.refusal)
+            await script(cell)
+            nursery.cancel_scope.cancel()
+
+    ended, error = False, None
+    try:
+        ended = laboratory.run(attended, budget_s)
+    except Exception as other:
+        error = other
+    if (why := laboratory.robot.refused or error) is not None:  # whatever else the script made of it
+        raise why
+    return ended
 
 
 def models_of(config: RunConfig) -> tuple[dict[str, CableModel], dict[str, FleetPrior]]:
@@ -88,7 +115,13 @@ def models_of(config: RunConfig) -> tuple[dict[str, CableModel], dict[str, Fleet
 
 
 def _trial(
-    config: RunConfig, index: int, laboratory: HardwareLaboratory, end: End, settings: object, wall_s: float
+    config: RunConfig,
+    index: int,
+    laboratory: HardwareLaboratory,
+    end: End,
+    duration_s: float,
+    settings: object,
+    wall_s: float,
 ) -> Trial:
     station, robot, log = config.laboratory, laboratory.robot, laboratory.log
     lead_s = robot.settings.lead_ticks * robot.settings.tick_s
@@ -110,7 +143,7 @@ def _trial(
         collisions=[],
         ended=end.outcome,
         reason=end.reason,
-        duration_s=round(laboratory.cell.clock.now_s(), 6),
+        duration_s=round(duration_s, 6),
         command_limit_use={arm: robot.limit_use(arm) for arm in station.arms},
         arrays={name: rows.astype(np.float32) for name, rows in arrays.items()},
         scenery=Scenery(

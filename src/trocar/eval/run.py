@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from trocar.calibration.fleet import FleetPrior
@@ -16,10 +16,10 @@ from trocar.eval.method import AgentContext, Method, pick_perception
 from trocar.eval.prepare import Prepared
 from trocar.eval.staged import AGENT_ERROR, FAULT, OUT_OF_TIME, End, StagedTrial
 from trocar.eval.trial import Trial
-from trocar.lab.laboratory import Laboratory
 from trocar.motion import PLANNERS
 from trocar.robots import Adaptive, Compensated
 from trocar.sim.laboratory import Listener
+from trocar.sim.pace import Script
 from trocar.sim.world import PhysicsError
 
 
@@ -59,7 +59,7 @@ def run_trial(
         settings=settings,
     )
     try:
-        end = play_agent(laboratory, method, context, task.budget_s, raise_errors)
+        end = play_agent(laboratory.run, method, context, task.budget_s, raise_errors)
     except Exception as error:
         error.add_note(f"in session {prepared.number}, trial {index} of seed {config.seed}, method {config.method!r}")
         raise
@@ -78,16 +78,16 @@ def compensated(
 
 
 def play_agent(
-    laboratory: Laboratory, method: Method, context: AgentContext, budget_s: float, raise_errors: bool
+    run: Callable[[Script, float], bool], method: Method, context: AgentContext, budget_s: float, raise_errors: bool
 ) -> End:
-    """Make an agent and run it; return how it ended."""
+    """Make an agent and run it, as a laboratory's ``run`` does; return how it ended."""
     try:
         agent = method.make_agent(context)
-        in_time = laboratory.run(lambda cell: agent.run(), budget_s)
+        in_time = run(lambda cell: agent.run(), budget_s)
     except PhysicsError:
         raise
     except (TrocarError, OSError) as error:  # refused by the guard, or a device that does not answer
-        return End(FAULT, str(error))
+        return End(FAULT, str(error), error=type(error).__name__)
     except SystemExit as error:
         return End(FAULT, f"the script tried to exit the program (exit code {error.code})")
     except Exception as error:

@@ -54,11 +54,12 @@ class Photographer(Protocol):
 
 @dataclass(frozen=True)
 class End:
-    """How a script ended, why in a sentence, and where in the code if it raised an exception."""
+    """How a script ended, why in a sentence, where in the code if it raised an exception, and the class of this."""
 
     outcome: str = DONE
     reason: str = ""
     where: str = ""
+    error: str = ""
 
 
 class StagedTrial:

@@ -92,6 +92,7 @@ class HardwareLoop:
         """Send the next set-points, read, check; return what happened."""
         self._report = Report(self._ticks + 1, (self._ticks + 1) * self.settings.tick_s, time.monotonic(), late_s)
         self._hear()
+        at_rest = all(self.driver.idle(name) for name in self._arms)
         self._watch(late_s)
         self._take_over()
         ahead = np.array([(self._ticks + 1) * self.settings.tick_s])
@@ -101,7 +102,7 @@ class HardwareLoop:
         self._read |= {name: reading for name in self._arms if (reading := self._reading(name)) is not None}
         self.driver.note(self._ticks * self.settings.tick_s, self._read)
         self._tell()
-        if self._closing and all(self.driver.idle(name) for name in self._arms):
+        if self._closing and at_rest:  # and has been told so: a set-point is repeated where an arm is to stay
             self.close()
         return self._report
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -42,7 +43,7 @@ class HardwareRecord:
     def arrays(self, origin_s: float, lead_s: float) -> dict[str, NDArray[np.float64]]:
         """Return (n, 7) ``desired_ARM``, ``commanded_ARM`` and ``measured_ARM`` at 100 Hz: joints and jaw.
 
-        A row has what was last sent and read then; ticks that were late leave no gap.
+        A row has what was last sent and read then, the last one what came last; ticks that were late leave no gap.
 
         Args:
             origin_s: the machine's monotonic clock at the first row.
@@ -51,7 +52,7 @@ class HardwareRecord:
         times_s = np.array(self._times) - origin_s
         if not len(times_s):
             return {f"{kind}_{name}": np.zeros((0, 7)) for kind in KINDS for name in self._rows}
-        grid_s = TICK_S * np.arange(int(max(times_s[-1], 0.0) / TICK_S + 1e-9) + 1)
+        grid_s = TICK_S * np.arange(math.ceil(max(times_s[-1], 0.0) / TICK_S - 1e-9) + 1)
         now = np.clip(np.searchsorted(times_s, grid_s, side="right") - 1, 0, None)
         asked = np.clip(np.searchsorted(times_s + lead_s, grid_s, side="right") - 1, 0, None)
         found = {}

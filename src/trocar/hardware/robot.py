@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 import multiprocessing
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, TrocarError, UnknownName
-from trocar.hardware.arm import ArmFault, Connect, DrivenArm, Fault, LoopSettings
+from trocar.hardware.arm import PASSING, ArmFault, Connect, DrivenArm, Fault, LoopSettings
 from trocar.hardware.loop import serve
 from trocar.hardware.messages import Alive, ArmReport, Clear, Close, EmergencyStop, Jaw, Reason, Report, Start, Stop
 from trocar.robots.driver import JAW_REST_S
@@ -59,6 +60,9 @@ class HardwareRobot:
         note: called as ``note("fault", arm=..., ...)`` with what went wrong.
         record: called with each report of the loop, after it was taken in.
 
+    Attributes:
+        refused: the last fault after which an arm refuses to move; None: there is none.
+
     Raises:
         TrocarError: an arm could not be connected, with the reason.
     """
@@ -82,6 +86,8 @@ class HardwareRobot:
         self._motions: dict[str, tuple[Trajectory, float]] = {}
         self._braking: set[str] = set()
         self._gone: ArmFault | None = None
+        self.refused: ArmFault | None = None
+        self._refuses = trio.Event()
         context = multiprocessing.get_context("spawn")
         said, self._say = context.Pipe(duplex=False)
         self._told, told = context.Pipe(duplex=False)
@@ -97,7 +103,7 @@ class HardwareRobot:
         try:
             problem = self._told.recv()
             if problem is None:
-                self._report: Report = self._told.recv()
+                self._take(self._told.recv())
         except EOFError:
             problem = "its process ended while connecting"
         if problem is not None:
@@ -243,7 +249,18 @@ class HardwareRobot:
 
     def clear_faults(self, *arms: str) -> None:
         """Let these arms, or all, move again after a fault; an arm whose connection failed has to be connected anew."""
+        self.refused, self._refuses = None, trio.Event()
         self._send(Clear(arms))
+
+    async def refusal(self) -> None:
+        """Wait for a fault after which an arm refuses to move.
+
+        Raises:
+            ArmFault: this fault.
+        """
+        await self._refuses.wait()
+        assert self.refused is not None
+        raise self.refused
 
     async def rest(self, *arms: str) -> None:
         """Return when these arms, or all, are at rest."""
@@ -276,10 +293,13 @@ class HardwareRobot:
 
     def _take(self, report: Report) -> None:
         """Take in one report."""
-        self._report = report
+        self._report: Report = report
         self._rows.append(report)
         for fault in report.faults:
-            self._note("fault", arm=fault.arm, fault=fault.fault.name.lower(), reason=str(fault))
+            self._note_fault(fault)
+            if fault.fault not in PASSING:
+                self.refused = fault
+                self._refuses.set()
         for name, arm in report.arms.items():
             if arm.braking is not None:
                 self._braking.add(name)
@@ -327,9 +347,14 @@ class HardwareRobot:
             cause=ending.cause,
         )
 
+    def _note_fault(self, fault: ArmFault) -> None:
+        self._note("fault", arm=fault.arm, fault=fault.fault.name.lower(), reason=str(fault))
+
     def _abandon(self) -> None:
         """Tell every script that waits, or will wait, that the loop is gone."""
-        self._gone = ArmFault(self.names[0], Fault.GONE)
+        if self._gone is None:
+            self._gone = ArmFault(self.names[0], Fault.GONE)
+            self._note_fault(self._gone)
         self._end_jobs()
 
     def _end_jobs(self) -> None:
@@ -338,15 +363,12 @@ class HardwareRobot:
                 self._end(key, name, Ending(MotionEnd.FAULT, self._gone))
 
     def close(self, timeout_s: float = 10.0) -> None:
-        """Bring the arms to rest, leave them holding, and end the loop's process."""
+        """Bring the arms to rest, leave them holding, and end the loop's process; its last reports are taken in."""
         self._send(Close())
         deadline_s = time.monotonic() + timeout_s
-        while self._process.is_alive() and time.monotonic() < deadline_s:
-            try:
-                if self._told.poll(0.05):
-                    self._told.recv()
-            except (EOFError, OSError):
-                break
+        with contextlib.suppress(EOFError, OSError):
+            while self._told.poll(max(0.0, deadline_s - time.monotonic())):
+                self._take(self._told.recv())
         self._process.join(max(0.0, deadline_s - time.monotonic()))
         if self._process.is_alive():
             self._process.kill()

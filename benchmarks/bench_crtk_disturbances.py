@@ -1,0 +1,279 @@
+"""A task over CRTK that is disturbed at random times: is everything at rest within the limits, named, saved, and next?
+
+Two arms move blocks on a served cell (``trocar run peg-transfer --robot``, ``trocar crtk serve``). Processes are killed
+or paused, sockets dropped, streams frozen, and the machine kept busy. Each try is one line of ``OUT/tries.jsonl``; the
+same command goes on where it stopped. What is wrong stays in ``OUT/wrong``.
+
+    python benchmarks/bench_crtk_disturbances.py                           # 20 tries, five minutes
+    python benchmarks/bench_crtk_disturbances.py --times 200 --out out/200
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from disturbances import (
+    BUDGET_S,
+    END_S,
+    KINDS,
+    SHORT_S,
+    START_S,
+    STATION,
+    VARIANT,
+    Done,
+    Process,
+    Robot,
+    Scene,
+    happen,
+    until,
+)
+from served_record import TICK_SERVOS
+
+from trocar.errors import TrocarError
+from trocar.eval.trial import Trial, trial_file
+from trocar.hardware.arm import PASSING, Fault
+
+MOST_RATIO = 1.001
+WITHIN_S = 3.5
+"""Arms that move are disturbed within this."""
+FAULT_S = 6.5
+"""A planted fault begins so long after the robot was started, and up to ``WITHIN_S`` later: the arms move by then."""
+REST_S = 3.0
+"""Arms are at rest so long after the client has ended."""
+KEPT = 8
+"""A robot does for so many tries: then few blocks are left where the task expects them."""
+ANSWERED_S = (0.07, 0.09)
+"""An arm that moves so long after its stream was interrupted was moving then."""
+
+
+@dataclass
+class Try:
+    """What happened in a try, and what is wrong with it.
+
+    Attributes:
+        number: of the try.
+        kind: of the disturbance.
+        what: in words.
+        at_s: after the arms began to move.
+        velocity: largest share of its limit in what the robot did; likewise acceleration.
+        faults: that the client named.
+        ended: how its trial ended, and why.
+        started: whether the arms moved; where the robot is faulty from the start they need not.
+        started_s: until the arms moved.
+        seconds: that the whole try took.
+        wrong: sentences.
+    """
+
+    number: int
+    kind: str
+    what: str = ""
+    at_s: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+    faults: list[str] = field(default_factory=list)
+    ended: str = ""
+    reason: str = ""
+    started: bool = True
+    started_s: float = 0.0
+    seconds: float = 0.0
+    wrong: list[str] = field(default_factory=list)
+
+
+class Bench:
+    """Tries, one after the other, on robots that are kept while they are well."""
+
+    def __init__(self, out: Path, seed: int, words: list[str], python: str):
+        self._out, self._seed, self._words, self._python = out, seed, words, python
+        self._robot: Robot | None = None
+        self._used = 0
+        self._client_out: Path | None = None
+
+    def attempt(self, number: int, kind: str = "") -> Try:
+        """Do one try, of a kind or of any."""
+        rng, began_s = random.Random(f"{self._seed}-{number}"), time.monotonic()
+        kind = kind or rng.choice(list(KINDS))
+        found = Try(number, kind)
+        robot = self._fresh(KINDS[kind].plant, FAULT_S + rng.uniform(0, WITHIN_S))
+        first = len(robot.record)
+        out = self._client_out or self._out / f"client-{number:03d}"
+        line = ["run", STATION, "--variant", VARIANT, "--budget", BUDGET_S, "--seed", 1, "--method", "uncalibrated"]
+        line += ["--robot", f"crtk:{robot.station}", "--enable-motion", "--yes", "--out", out]
+        client = Process(line, self._out / f"client-{number:03d}.log", {}, self._python)
+        if not until(lambda: robot.record.moving(first) or client.code is not None, START_S) or client.code is not None:
+            found.started = False
+        moved_s = time.monotonic()
+        found.started_s = round(moved_s - began_s, 2)
+        time.sleep(0 if KINDS[kind].plant or client.code is not None else rng.uniform(0, WITHIN_S))
+        at_s = time.monotonic()
+        found.at_s = round(at_s - moved_s, 2)
+        done = happen(KINDS[kind], Scene(client, robot, rng, moved_s))
+        found.what = done.what
+        if not found.started:  # it was refused, and says why
+            found.reason = client.log.read_text().strip().rpartition("\n")[2]
+        if not found.started and not (KINDS[kind].plant and client.code):
+            found.wrong.append("the arms did not begin to move")
+        if not client.ended(END_S):
+            found.wrong.append(f"the client did not end within {END_S:g} s")
+        found.wrong += [f"left behind: {line}" for line in client.clear(5.0)]
+        until(lambda: robot.record.use(first).at_rest, REST_S)
+        use = robot.record.use(first)
+        found.velocity, found.acceleration = use.velocity, use.acceleration
+        if max(use.velocity, use.acceleration) > MOST_RATIO:
+            found.wrong.append(f"beyond the limits: velocity {use.velocity:.4f}, acceleration {use.acceleration:.4f}")
+        if not use.at_rest and robot.process.code is None:
+            found.wrong.append(f"not at rest {REST_S:g} s after the client's end")
+        rows = robot.record.rows(first)
+        near = (rows[:, 0] > at_s + ANSWERED_S[0]) & (rows[:, 0] < at_s + ANSWERED_S[1])
+        moving = bool(rows[near, 2 + 6 * TICK_SERVOS :].any())
+        self._client_out = None
+        if kind == "script killed":
+            self._client_out = out  # the next try is the same command again
+        elif found.started or not client.code:
+            self._judge(found, trial_file(out, 0, 0), client, done, moving)
+        found.wrong += [f"half-written: {path}" for path in out.rglob("*.part*")]
+        if not done.robot_is_well or found.wrong:
+            self.end()
+        found.seconds = round(time.monotonic() - began_s, 1)
+        self._tidy(found, out)
+        return found
+
+    def _judge(self, found: Try, path: Path, client: Process, done: Done, moving: bool) -> None:
+        """Look at the client's trial."""
+        kind = KINDS[found.kind]
+        if client.code != 0:
+            found.wrong.append(f"the client's exit code is {client.code}")
+        try:
+            trial = Trial.load(path)
+        except TrocarError as error:
+            found.wrong.append(f"no trial: {error}")
+            return
+        named = {event["fault"] for event in trial.events if event["name"] == "fault"}
+        found.faults, found.ended, found.reason = sorted(named), trial.ended, trial.reason
+        wanted = {fault.name.lower() for fault in kind.faults}
+        if wanted and done.lasted_s > SHORT_S and (moving or not kind.moving) and not named & wanted:
+            found.wrong.append(f"the client names {sorted(named)}, none of {sorted(wanted)}")
+        if named - {fault.name.lower() for fault in PASSING} and not (trial.ended == "FAULT" and trial.reason):
+            found.wrong.append(f"the trial ended by {trial.ended!r} ({trial.reason!r}) in spite of {sorted(named)}")
+        if max(max(use) for use in trial.command_limit_use.values()) > MOST_RATIO:
+            found.wrong.append(f"what was sent: {trial.command_limit_use}")
+        ends = [trial.arrays[f"commanded_{arm}"][-2:, :6] for arm in trial.arms]
+        if Fault.GONE.name.lower() not in named and any(len(end) and np.ptp(end, axis=0).any() for end in ends):
+            found.wrong.append("the client's record breaks off while an arm moves")
+
+    def _fresh(self, plant: str, fault_s: float) -> Robot:
+        """Return a robot that is well, a new one if it has to be."""
+        if plant or self._used == KEPT:
+            self.end()
+        if self._robot is None:
+            shutil.rmtree(self._out / "robot", ignore_errors=True)
+            self._used = 0
+            self._robot = Robot(self._out / "robot", plant, fault_s, self._words, self._python)
+        self._used += 1
+        return self._robot
+
+    def end(self) -> None:
+        """End the robot."""
+        if self._robot is not None:
+            self._robot.stop()
+            self._robot = None
+
+    def _tidy(self, found: Try, out: Path) -> None:
+        """Keep the files of a try that went wrong, and no others."""
+        log = self._out / f"client-{found.number:03d}.log"
+        if found.wrong:
+            wrong = self._out / "wrong" / f"{found.number:03d}"
+            shutil.rmtree(wrong, ignore_errors=True)
+            wrong.mkdir(parents=True)
+            for path in (out, log, self._out / "robot"):
+                if path.exists() and path != self._client_out:
+                    shutil.move(path, wrong / path.name)
+        else:
+            log.unlink()
+            if out != self._client_out:
+                shutil.rmtree(out)
+
+
+@contextmanager
+def _master(port: int) -> Iterator[None]:
+    """Run a ROS 1 master."""
+    environment = os.environ | {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_HOSTNAME": "127.0.0.1"}
+    command = ["rosmaster", "--core", "-p", str(port)]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        time.sleep(2.0)
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+def told(found: Try) -> str:
+    """Return a try in one line."""
+    when = f"{found.number:3d} {found.seconds:4.0f} s, moved after {found.started_s:.0f} s"
+    named = ", ".join(found.faults) or "no fault"
+    return f"{when}: {found.kind}: {found.what}, {found.at_s:.1f} s later; {named}; {found.ended}: {found.reason}"
+
+
+def table(tries: list[Try]) -> str:
+    """Return the results by kind."""
+    lines = [f"{'what happened':<22}{'tries':>6}{'wrong':>6}{'velocity':>10}{'accel.':>8}  the client named"]
+    for kind in [*KINDS, ""]:
+        mine = [one for one in tries if one.kind == kind or not kind]
+        if mine:
+            names = Counter(name for one in mine for name in one.faults)
+            named = ", ".join(f"{name} {count}" for name, count in names.most_common())
+            worst = max(one.velocity for one in mine), max(one.acceleration for one in mine)
+            counts = f"{len(mine):>6}{sum(bool(one.wrong) for one in mine):>6}"
+            lines.append(f"{kind or 'all':<22}{counts}{worst[0]:>10.4f}{worst[1]:>8.4f}  {named}")
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Do what is still to do, and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--times", type=int, default=20, help="how many tries")
+    parser.add_argument("--seed", type=int, default=1, help="of what happens, and when")
+    parser.add_argument("--ros", type=int, choices=(1, 2), default=2, help="1 needs .ros1, from tools/ros1.sh")
+    parser.add_argument("--port", type=int, default=11331, help="of the ROS 1 master that is started")
+    parser.add_argument("--out", type=Path, default=Path("out/disturbances"), help="folder of the tries")
+    options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # else processes would be left behind
+    out = options.out.absolute()
+    out.mkdir(parents=True, exist_ok=True)
+    lines = out / "tries.jsonl"
+    tries = [Try(**json.loads(line)) for line in lines.read_text().splitlines()] if lines.is_file() else []
+    words, python = [], sys.executable
+    if options.ros == 1:
+        words, python = ["--ros", "1", "--master", f"http://127.0.0.1:{options.port}"], ".ros1/bin/python"
+    with _master(options.port) if options.ros == 1 else nullcontext():
+        bench = Bench(out, options.seed, words, python)
+        try:
+            for number in range(len(tries), options.times):
+                found = bench.attempt(number)
+                tries.append(found)
+                with lines.open("a") as file:
+                    file.write(f"{json.dumps(asdict(found))}\n")
+                print(told(found), flush=True)
+                for wrong in found.wrong:
+                    print(f"    WRONG: {wrong}", flush=True)
+        finally:
+            bench.end()
+    print(table(tries))
+    return 1 if any(one.wrong for one in tries) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
