@@ -28,7 +28,7 @@ class Raven:
     """The left arm of a Raven II."""
 
     space, jaw, colour = "/arm1", "/grasp1", "gold"
-    hears = {"/arm1/servo_jr": "move"}
+    hears = (("/arm1/servo_jr", "move"),)
     joints = ("shoulder", "elbow", "ins", "roll", "wrist", "jaw1", "jaw2")
 
     def __init__(self, q):
@@ -53,7 +53,7 @@ class OldPsm:
     """A PSM before CRTK 1.1."""
 
     space = "/PSM1"
-    hears = {"/PSM1/servo_jp": "move", "/PSM1/jaw/servo_jp": "open"}
+    hears = (("/PSM1/servo_jp", "move"), ("/PSM1/jaw/servo_jp", "open"))
     joints = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 
     def __init__(self, q):
@@ -78,13 +78,13 @@ arm = {"raven": Raven, "crtk-1.0": OldPsm}[DIALECT](json.loads(START))
 bus = open_bus(Topics(ros=int(ROS), domain=int(DOMAIN), master=MASTER))
 state = bus.publisher(f"{arm.space}/operating_state", OldOperatingState, latched=True)
 publishers = {topic: bus.publisher(topic, type(message)) for topic, message in arm.says()}
-commands = {topic: bus.subscriber(topic, JointState) for topic in arm.hears}
+commands = [(bus.subscriber(topic, JointState), getattr(arm, does)) for topic, does in arm.hears]
 print("ready", flush=True)
 cycle, due_s = 0, time.monotonic()
 while not ended:
-    for topic, source in commands.items():
+    for source, does in commands:
         for message in source.take():
-            getattr(arm, arm.hears[topic])(message.position)
+            does(message.position)
     if cycle % PUBLISHED_EVERY == 0:
         state.send(OldOperatingState(stamped(), "ENABLED", True, False))
         for topic, message in arm.says():

@@ -1,6 +1,6 @@
 """Drive one arm of a dialect: it keeps the promises of a robot, and a motion ends where it was sent.
 
-Arguments: station, arm, JSON of what ``Topics`` takes. It prints the joints and the opening to which it has sent the arm.
+Arguments: station, arm, JSON of what ``Topics`` takes. It prints joints and opening to which it has sent the arm.
 """
 
 import json

@@ -82,6 +82,5 @@ def test_an_arm_that_is_sent_goals_ends_where_it_was_sent(ros):
         words = ["--ros", str(ros), "--domain", str(DOMAIN), "--master", where["master"]]
         with served(*words, python=python(ros)) as cell:
             sent = driven("peg-transfer", "psm1", where | {"dialect": "dvrk", "command": "move_jp"})
-            cell = said(cell)
-    print(cell["commands"], cell["limit_use"], sent)
-    assert cell["commands"]["psm1"]["move_jp"] > 100 and max(cell["limit_use"]["psm1"]) <= 1.001
+            end = said(cell)
+    assert end["commands"]["psm1"]["move_jp"] > 100 and max(end["limit_use"]["psm1"]) <= 1.001

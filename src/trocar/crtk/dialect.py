@@ -16,7 +16,7 @@ RAVEN_JOINTS = ("shoulder", "elbow", "ins", "roll", "wrist", "jaw1", "jaw2")
 """Ends of the names of a Raven's joints (``gold_shoulder``), and their order (uw-biorobotics/raven2, branch crtk)."""
 
 
-def state_kind(dialect: Dialect) -> type[OperatingState]:
+def state_kind(dialect: Dialect) -> type[OperatingState] | type[OldOperatingState]:
     """Return the message of ``operating_state``."""
     return OperatingState if dialect is Dialect.DVRK else OldOperatingState
 
