@@ -20,7 +20,7 @@ from typing import Any
 
 from trocar.crtk.bus import open_bus, stamped
 from trocar.crtk.fault_kinds import KINDS
-from trocar.crtk.messages import JointState
+from trocar.crtk.messages import Image, JointState
 from trocar.lab import load_station
 from trocar.lab.topics import Topics
 
@@ -67,10 +67,12 @@ def examine(kind: str, arm: str, domain: int) -> tuple[list[dict[str, Any]], int
     fault = [] if kind == HEALTHY else ["--fault", f"{arm}:{kind}"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "ROS_DOMAIN_ID": str(domain)}
     serve, mover = [*words, "serve", STATION, "--seed", "3", *fault], Mover(Topics(domain=domain))
+    bus = open_bus(Topics(domain=domain))
+    starts = [bus.subscriber("/overhead/color/image_raw", Image), bus.subscriber("/PSM2/jaw/measured_js", JointState)]
     with process(serve, environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as served:
         try:
             deadline_s = time.monotonic() + START_S
-            while not mover.publisher.readers():
+            while not all([one.take() or one.last for one in starts]) or not mover.publisher.readers():
                 assert served.poll() is None and time.monotonic() < deadline_s, "the cell is not served"
                 time.sleep(0.05)
             tried, judged = 0, False

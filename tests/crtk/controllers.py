@@ -6,12 +6,14 @@ Arguments: ``raven`` or ``crtk-1.0``, ROS, domain, master, and the joints at whi
 cut off at .0025 rad or .05 mm; ``setpoint_js`` repeats the last increment; nobody publishes ``/grasp1/setpoint_js``.
 What is off: each increment is taken, where a Raven keeps the last one that comes within its millisecond.
 ``crtk-1.0``: a PSM with the messages that CRTK 1.1 renamed. It goes wherever it is sent at once.
-Both say ``ready`` when they publish, and at their end, on SIGTERM, their joints and how many increments were cut off.
+Both say ``ready`` when they publish, take ``STATE 1`` (homed) or ``STATE 0`` on stdin as what they are from then on,
+and say at their end, on SIGTERM, their joints, how many commands they took and how many increments they cut off.
 """
 
 import json
 import signal
 import sys
+import threading
 import time
 
 from trocar.crtk.bus import open_bus, stamped
@@ -72,7 +74,16 @@ class OldPsm:
         yield "/PSM1/measured_cp", TransformStamped(stamped())
 
 
-ended = []
+ended, states = [], [("ENABLED", True)]
+
+
+def listen():
+    for line in sys.stdin:
+        word, homed = line.split()
+        states.append((word, homed == "1"))
+
+
+threading.Thread(target=listen, daemon=True).start()
 signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
 arm = {"raven": Raven, "crtk-1.0": OldPsm}[DIALECT](json.loads(START))
 bus = open_bus(Topics(ros=int(ROS), domain=int(DOMAIN), master=MASTER))
@@ -80,15 +91,16 @@ state = bus.publisher(f"{arm.space}/operating_state", OldOperatingState, latched
 publishers = {topic: bus.publisher(topic, type(message)) for topic, message in arm.says()}
 commands = [(bus.subscriber(topic, JointState), getattr(arm, does)) for topic, does in arm.hears]
 print("ready", flush=True)
-cycle, due_s = 0, time.monotonic()
+cycle, taken, due_s = 0, 0, time.monotonic()
 while not ended:
     for source, does in commands:
         for message in source.take():
             does(message.position)
+            taken += 1
     if cycle % PUBLISHED_EVERY == 0:
-        state.send(OldOperatingState(stamped(), "ENABLED", True, False))
+        state.send(OldOperatingState(stamped(), *states[-1], False))
         for topic, message in arm.says():
             publishers[topic].send(message)
     cycle, due_s = cycle + 1, max(due_s + PERIOD_S, time.monotonic())
     time.sleep(max(0.0, due_s - time.monotonic()))
-print(json.dumps({"q": arm.q, "cut": arm.cut}))
+print(json.dumps({"q": arm.q, "taken": taken, "cut": arm.cut}))

@@ -21,6 +21,8 @@ from trocar.sim.laboratory import SimLaboratory
 
 SLIP_S, STEADY = 0.05, 0.02
 """The ticks' own time follows the machine's this slowly, unless it is off by more than this."""
+SLOWEST = 0.1
+"""Where the ticks hurry after a stop, their time goes on at least this fast: stamps never go back."""
 
 MAX_LATE_S = 0.1
 """A robot's clock does not hurry after a stop; its ticks catch up with less."""
@@ -78,7 +80,8 @@ class CrtkServer:
             while True:
                 self._now_s += TICK_S / self._speed
                 off_s = time.time() - self._now_s
-                self._now_s += off_s if abs(off_s) > SLIP_S else STEADY * off_s
+                slip_s = off_s if abs(off_s) > SLIP_S else STEADY * off_s
+                self._now_s += max(slip_s, (SLOWEST - 1) * TICK_S / self._speed)
                 for arm in self.arms.values():
                     arm.hear(nursery, self._now_s)
                     arm.tell(self._now_s)
