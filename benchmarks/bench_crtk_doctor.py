@@ -32,7 +32,7 @@ MOVED, RESTS = "psm1", "psm2"
 PARK = load_station(STATION).arms[MOVED].park_q()
 SWING = (0.2, 0.1, 0.01, 0.3, 0.2, 0.2)
 HEALTHY = "none"
-TRIES = 3
+TRIES = 6
 TIMES = ("gaps", "clock", "latency", "jitter")
 START_S = 60.0
 
@@ -61,8 +61,8 @@ class Mover:
         self._thread.join()
 
 
-def examine(kind: str, arm: str, domain: int) -> tuple[list[dict[str, Any]], int]:
-    """Return the doctor's checks of a robot with this fault, and how often it had to listen."""
+def examine(kind: str, arm: str, domain: int) -> tuple[list[dict[str, Any]], int, bool]:
+    """Return the doctor's checks of a robot with this fault, how often it listened, and whether it judged."""
     words = [sys.executable, "-m", "trocar", "crtk"]
     fault = [] if kind == HEALTHY else ["--fault", f"{arm}:{kind}"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "ROS_DOMAIN_ID": str(domain)}
@@ -86,7 +86,7 @@ def examine(kind: str, arm: str, domain: int) -> tuple[list[dict[str, Any]], int
                 judged = all(verdicts[arm, name] != "not applicable" for name in wanted)
         finally:
             mover.close()
-    return checks, tried
+    return checks, tried, judged
 
 
 def main() -> None:
@@ -96,14 +96,15 @@ def main() -> None:
     for kind in kinds:
         began_s = time.monotonic()
         arm, wanted = RESTS if kind == "busy" else MOVED, KINDS[kind].found_by if kind != HEALTHY else ""
-        checks, tried = examine(kind, arm, domain)
+        checks, tried, judged = examine(kind, arm, domain)
         failed = [(check["of"], check["name"]) for check in checks if check["verdict"] == "fail"]
         well = (arm, wanted) in failed if wanted else not failed
         found += well
         elsewhere = [one for one in failed if one[0] != arm and kind != "swapped"]
         false += len(elsewhere)
         others = ", ".join(f"{of} {name}" for of, name in failed if (of, name) != (arm, wanted))
-        said = f"{arm} {wanted}: {'found' if well else 'NOT FOUND'}" if wanted else "nothing" if well else "NOT WELL"
+        missed = "NOT FOUND" if judged else "not judged on this busy machine"
+        said = f"{arm} {wanted}: {'found' if well else missed}" if wanted else "nothing" if well else "NOT WELL"
         more = f"; also {others}" if others else ""
         spent = f"{time.monotonic() - began_s:.0f} s{f', {tried} times' if tried > 1 else ''}"
         print(f"{kind:12s} {said}{more}  ({spent})", flush=True)
