@@ -34,7 +34,7 @@ SWING = (0.2, 0.1, 0.01, 0.3, 0.2, 0.2)
 HEALTHY = "none"
 TRIES = 6
 TIMES = ("gaps", "clock", "latency", "jitter")
-START_S = 60.0
+START_S = 240.0
 
 
 class Mover:
