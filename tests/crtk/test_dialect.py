@@ -21,7 +21,7 @@ def test_what_is_sent_is_what_is_read(dialect):
 
 def test_a_ravens_jaws_have_a_joint_each():
     *_, first, second = as_positions(Dialect.RAVEN, Q, 0.8)
-    assert first + second == pytest.approx(0.8) and (first - second) / 2 == pytest.approx(0.6)
+    assert first + second == pytest.approx(0.8) and (second - first) / 2 == pytest.approx(0.6)
     assert jaw_topic(Dialect.RAVEN, "/arm1") == "/grasp1" and jaw_topic(Dialect.DVRK, "/PSM1") == "/PSM1/jaw"
 
 

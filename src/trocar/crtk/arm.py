@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.crtk.bus import Bus, Subscriber, open_bus, stamped
-from trocar.crtk.dialect import as_positions, jaw_in, jaw_topic, joint_names, joints_in, pose_kind, state_kind
+from trocar.crtk.dialect import (
+    as_positions,
+    held_topic,
+    jaw_in,
+    jaw_topic,
+    joint_names,
+    joints_in,
+    pose_kind,
+    state_kind,
+)
 from trocar.crtk.messages import Empty, Header, JointState, StringStamped
 from trocar.errors import InvalidInput
 from trocar.hardware.arm import ArmFault, Fault, HardwareReading
@@ -23,8 +33,8 @@ ALONE_S = 0.03
 """Where nobody has for this long, the connection is lost."""
 REMEMBERED = 500
 """Stamps of what was sent, by which it is told from what others send."""
-RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3, 2.5e-3])
-"""rad and m: a Raven cuts off what an increment has beyond this (uw-biorobotics/raven2, branch crtk)."""
+RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3])
+"""rad and m: what a Raven's joint has beyond this in an increment is cut off (uw-biorobotics/raven2, branch crtk)."""
 STATES = {"PAUSED": Fault.PAUSED, "DISABLED": Fault.DISABLED, "FAULT": Fault.CONTROLLER}
 
 
@@ -49,21 +59,19 @@ class CrtkArm:
             topics.dialect,
             topics.command,
         )
-        bus, topic = open_bus(topics), self._topic
-        jaw = jaw_topic(self._dialect, topic)
+        bus, topic, raven = open_bus(topics), self._topic, self._dialect is Dialect.RAVEN
+        jaw, held = jaw_topic(self._dialect, topic), held_topic(self._dialect)
         self._bus = bus
         self._state = bus.subscriber(f"{topic}/operating_state", state_kind(self._dialect), latched=True)
         self._measured = bus.subscriber(f"{topic}/measured_js", JointState)
-        self._setpoint = bus.subscriber(f"{topic}/setpoint_js", JointState)
+        self._setpoint = bus.subscriber(f"{topic}/{held}", JointState)
         self._jaw_measured = bus.subscriber(f"{jaw}/measured_js", JointState)
-        self._jaw_setpoint = bus.subscriber(f"{jaw}/setpoint_js", JointState)
-        verb = "servo_jr" if self._dialect is Dialect.RAVEN else self._command.value
-        self._out = bus.publisher(f"{topic}/{verb}", JointState)
-        self._jaw_out = bus.publisher(f"{jaw}/{self._command.value}", JointState)
+        self._jaw_setpoint = bus.subscriber(f"{jaw}/{held}", JointState)
+        self._out = bus.publisher(f"{topic}/{'servo_jr' if raven else self._command.value}", JointState)
+        self._jaw_out = None if raven else bus.publisher(f"{jaw}/{self._command.value}", JointState)
         self._others = _commands(bus, topic, jaw, topics)
         self._sent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
-        self._last: NDArray[np.float64] | None = None  # positions that the arm has been sent to
-        self._jaw_last = np.nan
+        self._last, self._jaw_last = np.full(6, np.nan), np.nan  # where the arm has been sent
         self._fault: ArmFault | None = None
         self._alone_s = time.monotonic()
         self._wait_for(topics, jaw)
@@ -71,9 +79,10 @@ class CrtkArm:
 
     def _wait_for(self, topics: Topics, jaw: str) -> None:
         topic, deadline_s = self._topic, time.monotonic() + CONNECT_S
+        held = held_topic(self._dialect)
         needed = {f"{topic}/operating_state": self._state, f"{topic}/measured_js": self._measured}
-        needed |= {f"{topic}/setpoint_js": self._setpoint}
-        needed |= {f"{jaw}/measured_js": self._jaw_measured, f"{jaw}/setpoint_js": self._jaw_setpoint}
+        needed |= {f"{topic}/{held}": self._setpoint}
+        needed |= {f"{jaw}/measured_js": self._jaw_measured, f"{jaw}/{held}": self._jaw_setpoint}
         while any(source.last is None for source in needed.values()) and time.monotonic() < deadline_s:
             self._take()
             time.sleep(0.01)
@@ -100,7 +109,7 @@ class CrtkArm:
         self._take()
         assert self._setpoint.last is not None and self._jaw_setpoint.last is not None
         q, jaw_rad = joints_in(self._dialect, self._setpoint.last), jaw_in(self._jaw_setpoint.last)
-        self._last = np.array(as_positions(self._dialect, q, jaw_rad))
+        self._last, self._jaw_last = q, jaw_rad
         return q, jaw_rad
 
     def read(self) -> HardwareReading:
@@ -144,23 +153,27 @@ class CrtkArm:
         del velocity
         if self._fault is not None:
             return
-        to = np.array(as_positions(self._dialect, q, jaw_rad))
-        assert self._last is not None
         if self._dialect is Dialect.RAVEN:
-            step = np.clip(to - self._last, -RAVEN_STEP, RAVEN_STEP)
-            self._last = self._last + step  # what was cut off comes with the next ones
-            if step.any():
-                self._publish(self._out, joint_names(self._dialect), step)
+            self._increment(q, jaw_rad)
             return
-        if self._command is Command.SERVO or (to != self._last).any():
-            self._publish(self._out, joint_names(self._dialect), to)
-            self._last = to
+        if self._command is Command.SERVO or (q != self._last).any():
+            self._publish(self._out, joint_names(self._dialect), q)
+            self._last = q
         if jaw_rad != self._jaw_last:
-            self._publish(self._jaw_out, ("jaw",), np.array([jaw_rad]))
+            self._publish(self._jaw_out, ("jaw",), [jaw_rad])
             self._jaw_last = jaw_rad
 
-    def _publish(self, publisher: Any, names: tuple[str, ...], positions: NDArray[np.float64]) -> None:
-        message = JointState(stamped(), list(names), positions.tolist())
+    def _increment(self, q: NDArray[np.float64], jaw_rad: float) -> None:
+        """Send a Raven as much of the way as it takes; the rest comes with the next increments."""
+        step = np.clip(q - self._last, -RAVEN_STEP, RAVEN_STEP)
+        left = 2 * (RAVEN_STEP[5] - abs(step[5]))  # the wrist's yaw takes part in both jaws' joints, and comes first
+        jaw_step = float(np.clip(jaw_rad - self._jaw_last, -left, left))
+        self._last, self._jaw_last = self._last + step, self._jaw_last + jaw_step
+        if step.any() or jaw_step:
+            self._publish(self._out, joint_names(self._dialect), as_positions(self._dialect, step, jaw_step))
+
+    def _publish(self, publisher: Any, names: Sequence[str], positions: Sequence[float] | NDArray[np.float64]) -> None:
+        message = JointState(stamped(), list(names), [float(value) for value in positions])
         self._sent.append(_stamp(message))
         publisher.send(message)
 
@@ -172,9 +185,9 @@ def _commands(bus: Bus, topic: str, jaw: str, topics: Topics) -> dict[str, Subsc
     """Return subscribers of all topics on which an arm can be commanded, by their names."""
     poses = pose_kind(topics.dialect)
     kinds: dict[str, type[Any]] = {f"{topic}/state_command": StringStamped, f"{topic}/hold": Empty}
-    kinds |= {f"{topic}/{what}": JointState for what in ("servo_jp", "servo_jr", "move_jp", "move_jr")}
+    kinds |= {f"{topic}/{what}": JointState for what in ("servo_jp", "servo_jr", "servo_jv", "move_jp", "move_jr")}
     kinds |= {f"{topic}/{what}": poses for what in ("servo_cp", "servo_cr", "move_cp")}
-    kinds |= {f"{jaw}/{what}": JointState for what in ("servo_jp", "move_jp")}
+    kinds |= {f"{jaw}/{what}": JointState for what in ("servo_jp", "servo_jr", "move_jp")}
     return {name: bus.subscriber(name, kind) for name, kind in kinds.items()}
 
 

@@ -13,10 +13,10 @@ from trocar.lab.topics import Dialect
 PSM_JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 """Names and order of a PSM's joints (sawIntuitiveResearchKit 2.4)."""
 RAVEN_JOINTS = ("shoulder", "elbow", "ins", "roll", "wrist", "jaw1", "jaw2")
-"""Ends of the names of a Raven's joints, and their order (uw-biorobotics/raven2, branch crtk)."""
+"""Ends of the names of a Raven's joints (``gold_shoulder``), and their order (uw-biorobotics/raven2, branch crtk)."""
 
 
-def state_kind(dialect: Dialect) -> type[OperatingState]:
+def state_kind(dialect: Dialect) -> type[OperatingState] | type[OldOperatingState]:
     """Return the message of ``operating_state``."""
     return OperatingState if dialect is Dialect.DVRK else OldOperatingState
 
@@ -31,12 +31,25 @@ def joint_names(dialect: Dialect) -> tuple[str, ...]:
     return RAVEN_JOINTS if dialect is Dialect.RAVEN else PSM_JOINTS
 
 
+def plain_name(dialect: Dialect, name: str) -> str:
+    """Return a joint's name without its arm's colour, which a Raven's has."""
+    return name.rpartition("_")[2] if dialect is Dialect.RAVEN else name
+
+
 def jaw_topic(dialect: Dialect, topic: str) -> str:
     """Return where the jaws of an arm are found: ``/PSM1/jaw``; of a Raven, ``/grasp1`` beside ``/arm1``."""
     head, slash, name = topic.rpartition("/")
     if dialect is Dialect.RAVEN and name.startswith("arm"):
         return f"{head}{slash}grasp{name.removeprefix('arm')}"
     return f"{topic}/jaw"
+
+
+def held_topic(dialect: Dialect) -> str:
+    """Return where an arm, and its jaws, tell what their controller holds.
+
+    A Raven's ``setpoint_js`` repeats its last command, an increment, and nobody publishes that of its jaws.
+    """
+    return "measured_js" if dialect is Dialect.RAVEN else "setpoint_js"
 
 
 def joints_in(dialect: Dialect, message: JointState) -> NDArray[np.float64]:
@@ -46,7 +59,7 @@ def joints_in(dialect: Dialect, message: JointState) -> NDArray[np.float64]:
     if len(position) != len(names) or message.header.stamp.sec == 0:
         return np.full(6, np.nan)
     if dialect is Dialect.RAVEN:
-        return np.append(position[:5], (position[5] - position[6]) / 2)  # each jaw has a joint; both open outwards
+        return np.append(position[:5], (position[6] - position[5]) / 2)  # each jaw has a joint; both open outwards
     if len(message.name) == len(names) and set(message.name) == set(names):
         position = position[[list(message.name).index(name) for name in names]]
     return position
@@ -61,5 +74,5 @@ def as_positions(dialect: Dialect, q: Sequence[float] | NDArray[np.float64], jaw
     """Return the positions in an arm's message: six joints, or a Raven's seven, in which the jaws are contained."""
     values = np.asarray(q, dtype=np.float64).tolist()
     if dialect is Dialect.RAVEN:
-        return [*values[:5], jaw_rad / 2 + values[5], jaw_rad / 2 - values[5]]
+        return [*values[:5], jaw_rad / 2 - values[5], jaw_rad / 2 + values[5]]
     return values

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from trocar.crtk.bus import Bus, Endpoint, Subscriber
-from trocar.crtk.dialect import jaw_topic, pose_kind, state_kind
+from trocar.crtk.dialect import held_topic, jaw_topic, pose_kind, state_kind
 from trocar.crtk.messages import CameraInfo, Empty, Image, JointState, StringStamped
 from trocar.lab.station import Station
 from trocar.lab.topics import Dialect, Topics
@@ -42,8 +42,8 @@ def published_by(arm: str, topics: Topics) -> dict[str, Wanted]:
     topic, dialect = topics.of_arm(arm), topics.dialect
     jaw, modern = jaw_topic(dialect, topic), dialect is Dialect.DVRK
     found = {f"{topic}/operating_state": Wanted(state_kind(dialect), latched=True)}
-    found |= {f"{topic}/{what}": Wanted(JointState) for what in ("measured_js", "setpoint_js")}
-    found |= {f"{jaw}/{what}": Wanted(JointState) for what in ("measured_js", "setpoint_js")}
+    for place in (topic, jaw):
+        found |= {f"{place}/{what}": Wanted(JointState) for what in ("measured_js", held_topic(dialect))}
     poses = ("local/measured_cp", "measured_cp", "setpoint_cp")
     return found | {f"{topic}/{what}": Wanted(pose_kind(dialect), needed=modern) for what in poses}
 
@@ -52,9 +52,11 @@ def heard_by(arm: str, topics: Topics) -> dict[str, type]:
     """Return the commands that an arm has to take from the loop that drives it, by their full topics."""
     topic, raven = topics.of_arm(arm), topics.dialect is Dialect.RAVEN
     verb = "servo_jr" if raven else topics.command.value
-    jaw = jaw_topic(topics.dialect, topic)
-    kinds: dict[str, type] = {f"{topic}/{verb}": JointState, f"{jaw}/{topics.command.value}": JointState}
-    return kinds | ({} if raven else {f"{topic}/state_command": StringStamped, f"{topic}/hold": Empty})
+    kinds: dict[str, type] = {f"{topic}/{verb}": JointState}
+    if raven:  # its jaws' joints are among the arm's
+        return kinds
+    kinds[f"{jaw_topic(topics.dialect, topic)}/{topics.command.value}"] = JointState
+    return kinds | {f"{topic}/state_command": StringStamped, f"{topic}/hold": Empty}
 
 
 def moving(arm: str, topics: Topics) -> tuple[str, ...]:

@@ -182,8 +182,13 @@ class OperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.OperatingState_"):
 
 
 @dataclass
-class OldOperatingState(OperatingState, typename="crtk_msgs.msg.dds_.operating_state_"):
+class OldOperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.operating_state_"):
     """The same before CRTK 1.1, which renamed it."""
+
+    header: Header = field(default_factory=Header)
+    state: str = ""
+    is_homed: bool = False
+    is_busy: bool = False
 
 
 @dataclass

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from trocar.crtk.dialect import jaw_topic, joint_names
+from trocar.crtk.dialect import jaw_topic, joint_names, plain_name
 from trocar.crtk.explaining import FRAME_M, FRAME_RAD, POSE_M, POSE_RAD, Cause, apart, base_of, frame_of, near
 from trocar.crtk.heard_arm import ArmHeard, Finding
 from trocar.crtk.messages import JointState
@@ -59,7 +59,8 @@ def finite(about: ArmHeard) -> Finding:
 
 def names(about: ArmHeard) -> Finding:
     """Judge names and number of the joints."""
-    wanted, jaw = joint_names(about.topics.dialect), jaw_topic(about.topics.dialect, about.topic)
+    dialect = about.topics.dialect
+    wanted, jaw = joint_names(dialect), jaw_topic(dialect, about.topic)
     for topic in (f"{about.topic}/measured_js", f"{about.topic}/setpoint_js", f"{jaw}/measured_js"):
         if topic not in about.streams:
             continue
@@ -67,13 +68,14 @@ def names(about: ArmHeard) -> Finding:
         if len(one.position) < count or (count > 1 and len(one.position) > count):
             remedy = "choose the arm's model in the station's file, or its namespace"
             return Finding(False, f"{topic} has {len(one.position)} positions instead of {count}", remedy)
-        if count > 1 and sorted(one.name) != sorted(wanted):
+        if count > 1 and sorted(plain_name(dialect, name) for name in one.name) != sorted(wanted):
             remedy = f"the names should be {', '.join(wanted)}; positions are taken in this order, so check the order"
             return Finding(False, f"{topic} has {', '.join(one.name) or 'no names'}", remedy)
     if f"{about.topic}/measured_js" not in about.streams:
         return Finding(None, "nothing came")
     one = about.streams[f"{about.topic}/measured_js"][-1][1]
-    return Finding(True, "as they should be" if tuple(one.name) == wanted else "in another order, told by their names")
+    there = tuple(plain_name(dialect, name) for name in one.name)
+    return Finding(True, "as they should be" if there == wanted else "in another order, told by their names")
 
 
 def units(about: ArmHeard) -> Finding:

@@ -19,8 +19,8 @@ from trocar.lab.topics import Topics
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
 
-SLIP_S, STEADY = 0.05, 0.02
-"""The ticks' own time follows the machine's this slowly, unless it is off by more than this."""
+STEADY, SLOWEST = 0.02, 0.1
+"""The ticks' own time follows the machine's by this share of what it is off; and goes on at least this fast."""
 
 MAX_LATE_S = 0.1
 """A robot's clock does not hurry after a stop; its ticks catch up with less."""
@@ -78,7 +78,8 @@ class CrtkServer:
             while True:
                 self._now_s += TICK_S / self._speed
                 off_s = time.time() - self._now_s
-                self._now_s += off_s if abs(off_s) > SLIP_S else STEADY * off_s
+                slip_s = off_s if abs(off_s) > MAX_LATE_S else STEADY * off_s  # ticks catch up with less by themselves
+                self._now_s += max(slip_s, (SLOWEST - 1) * TICK_S / self._speed)
                 for arm in self.arms.values():
                     arm.hear(nursery, self._now_s)
                     arm.tell(self._now_s)

@@ -1,0 +1,183 @@
+"""What is wrong with a live arm is told by its kind, and nothing more is sent to it then."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
+
+from crtk_partners import ROOT, process, served
+from trocar.crtk.arm import CrtkArm
+from trocar.crtk.bus import open_bus, stamped
+from trocar.crtk.messages import Empty, JointState, PoseStamped, StringStamped
+from trocar.errors import InvalidInput
+from trocar.hardware.arm import ArmFault, Fault
+from trocar.lab import load_station
+from trocar.lab.topics import Dialect, Topics
+
+pytestmark = pytest.mark.realtime
+DOMAIN = 40 + os.getpid() % 150
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
+PARK = load_station("peg-transfer").arms["psm1"].park_q()
+LIMIT_S = 30.0
+
+
+@contextmanager
+def controller(dialect="crtk-1.0"):
+    """Yield a controller's process; see ``controllers.py``."""
+    words = [
+        sys.executable,
+        Path(__file__).parent / "controllers.py",
+        dialect,
+        "2",
+        DOMAIN,
+        "-",
+        json.dumps([*PARK, 0.3]),
+    ]
+    with process([str(word) for word in words], ENVIRONMENT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as running:
+        assert running.stdout.readline() == "ready\n"
+        yield running
+
+
+def connected(dialect=Dialect.CRTK_1_0):
+    arm = CrtkArm("psm1", Topics(domain=DOMAIN, dialect=dialect))
+    arm.commanded()
+    return arm
+
+
+def enabled():
+    """Enable the served arm, which a test before this one may have paused, and connect it."""
+    state = open_bus(Topics(domain=DOMAIN)).publisher("/PSM1/state_command", StringStamped)
+    arms = []
+
+    def connects():
+        state.send(StringStamped(stamped(), "resume"))
+        try:
+            arms.append(connected(Dialect.DVRK))
+        except InvalidInput:  # it is not there yet, or not resumed
+            return False
+        return True
+
+    until(connects)
+    return arms[0]
+
+
+def fault_of(arm, meanwhile=lambda: None):
+    """Read until the arm tells what is wrong."""
+    end_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < end_s:
+        meanwhile()
+        try:
+            arm.read()
+        except ArmFault as error:
+            return error
+        time.sleep(0.01)
+    raise AssertionError("it tells nothing")
+
+
+def until(holds):
+    end_s = time.monotonic() + LIMIT_S
+    while not holds():
+        assert time.monotonic() < end_s, "it does not come to that"
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    ("says", "fault", "detail"),
+    [
+        ("PAUSED 1", Fault.PAUSED, "/PSM1/operating_state is PAUSED"),
+        ("DISABLED 1", Fault.DISABLED, "/PSM1/operating_state is DISABLED"),
+        ("FAULT 1", Fault.CONTROLLER, "/PSM1/operating_state is FAULT"),
+        ("ENABLED 0", Fault.UNHOMED, ""),
+    ],
+)
+def test_what_its_controller_is_stops_it_for_good(says, fault, detail):
+    with controller() as running:
+        arm = connected()
+        arm.read()
+        sent = open_bus(Topics(domain=DOMAIN)).subscriber("/PSM1/servo_jp", JointState)
+        until(lambda: arm.send(PARK, np.zeros(6), 0.3) or sent.take())
+        running.stdin.write(f"{says}\n")
+        running.stdin.flush()
+        found = fault_of(arm)
+        assert (found.fault, found.detail) == (fault, detail)
+        sent.take()
+        running.stdin.write("ENABLED 1\n")
+        running.stdin.flush()
+        until(lambda: arm._take() or (arm._state.last.state, arm._state.last.is_homed) == ("ENABLED", True))
+        assert fault_of(arm) is found, "it stays stopped"
+        arm.send(PARK, np.zeros(6), 0.3)
+        again = open_bus(Topics(domain=DOMAIN)).publisher("/PSM1/servo_jp", JointState)
+        again.send(JointState(stamped(), ["marker"], []))
+        come = []
+        until(lambda: come.extend(sent.take()) or come)
+        assert [message.name for message in come] == [["marker"]], "nothing was sent"
+
+
+def test_an_arm_that_is_not_enabled_or_not_homed_is_not_connected():
+    with controller() as running:
+        connected()
+        for says, told in (("DISABLED 1", "is DISABLED, homed"), ("ENABLED 0", "is ENABLED, not homed")):
+            running.stdin.write(f"{says}\n")
+            running.stdin.flush()
+            state = told.removeprefix("is ")
+
+            def refuses(state=state):
+                try:
+                    connected()
+                except InvalidInput as error:
+                    return state in str(error)
+                return False
+
+            until(refuses)
+
+
+def test_an_arm_whose_controller_ends_is_lost():
+    with controller() as running:
+        arm = connected()
+        arm.read()
+        running.terminate()
+        assert fault_of(arm).fault is Fault.LOST
+
+
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        ("state_command", StringStamped(stamped(), "pause")),
+        ("hold", Empty()),
+        ("servo_jp", JointState(stamped(), [], PARK.tolist())),
+        ("move_jp", JointState(stamped(), [], PARK.tolist())),
+        ("servo_cp", PoseStamped(stamped())),
+        ("jaw/move_jp", JointState(stamped(), [], [0.3])),
+    ],
+)
+def test_an_arm_that_somebody_else_commands_says_on_which_topic(topic, message, cell):
+    arm = enabled()
+    other = open_bus(Topics(domain=DOMAIN)).publisher(f"/PSM1/{topic}", type(message))
+    until(lambda: other.readers() >= 2)  # the cell and the arm's connection
+    other.send(message)
+    found = fault_of(arm, lambda: arm.send(PARK, np.zeros(6), 0.3))
+    said = f"/PSM1/{topic}, 'pause'" if topic == "state_command" else f"/PSM1/{topic}"
+    assert (found.fault, found.detail) == (Fault.OTHERS, said)
+
+
+@pytest.fixture(scope="module")
+def cell():
+    with served("--domain", str(DOMAIN), "--images-hz", "0") as running:
+        yield running
+
+
+def test_its_own_commands_are_not_somebody_elses(cell):
+    arm, end_s = enabled(), time.monotonic() + 1.0
+    q, jaw_rad = arm.commanded()
+    while time.monotonic() < end_s:
+        arm.send(q, np.zeros(6), jaw_rad)
+        arm.read()
+        time.sleep(0.01)
