@@ -19,7 +19,7 @@ from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.progress import progress
 from trocar.cli.robot import about_motion, agreed
 from trocar.cli.terminal import beside
-from trocar.errors import InvalidInput
+from trocar.errors import InvalidInput, TrocarError
 from trocar.eval.config import RunConfig
 from trocar.files.output import make_folder, write_json, write_text
 
@@ -185,7 +185,11 @@ def _on_robot(
 
     if len(collection.kept(path)) < len(collection.q_cmd):
         with robot_of(robot)[0].connect(station, None) as laboratory:
-            laboratory.run(lambda cell: collection.collect(cell, path, listen), float("inf"))
+            try:
+                laboratory.run(lambda cell: collection.collect(cell, path, listen), float("inf"))
+            except TrocarError:
+                beside().print(f"{path} has what was collected; the same command continues", soft_wrap=True)
+                raise
     return np.array(collection.kept(path))
 
 
