@@ -19,7 +19,8 @@ def robot(tmp_path):
 
 
 def test_a_person_is_told_what_moves_where_and_how_fast(robot):
-    told = "\n".join(about_motion(RunConfig(PegTransfer(), method="uncalibrated", robot=robot)))
+    config = RunConfig(PegTransfer(), method="uncalibrated", robot=robot)
+    told = "\n".join(about_motion("peg-transfer", robot, config.laboratory, config.arms))
     assert "psm1 works: /PSM1/servo_jp over ROS 2 on 127.0.0.1, domain 44, at 100 Hz" in told
     assert "psm2 is held where it is: /PSM2/servo_jp" in told
     assert "yaw 6.28 rad/s" in told and "x -150 to 150 mm" in told

@@ -7,7 +7,7 @@ from simulated import STATION
 from trocar.arms import fk
 from trocar.calibration.excitation import PSM1_BOX, MotionBox
 from trocar.calibration.recording import load_recording
-from trocar.collect.chain import calibrate
+from trocar.collect.chain import calibrated
 from trocar.collect.collection import SAMPLE_S, Collection
 from trocar.collect.motion import commands_in_view, why_no_images
 from trocar.errors import TrocarError
@@ -81,7 +81,7 @@ def test_the_base_is_found_where_the_arm_went(collected, arm):
     """A printer's .1 mm on the shaft's spheres, near the middle of the place, leaves about as much there."""
     one, found, _ = collected[arm]
     off = one.T_camera_base_true.inverse() @ one.measured(found).T_camera_base
-    tips = fk(one.model, one.q_cmd[2:]).translation_m
+    tips = fk(one.view.arm, one.q_cmd[2:]).translation_m
     assert np.linalg.norm(off.apply(tips) - tips, axis=-1).max() < 0.4e-3
 
 
@@ -121,11 +121,11 @@ def test_a_rectangle_of_the_image_is_what_the_whole_one_shows_there():
 @pytest.mark.parametrize("arm", LOOKED_AT)
 def test_commands_are_dense_within_limits_and_in_view_and_take_no_longer_than_the_papers(arm):
     one = collection(arm, rows=1355)
-    model, path = one.model, one.q_cmd[2:]
+    model, path = one.view.arm, one.q_cmd[2:]
     assert path.shape == (1355, 6)
     assert (path >= model.lower).all() and (path <= model.upper).all()
     assert one.view.holds(path).all()
-    assert one.duration_s <= 18 * 60
+    assert one.t_s[-1] <= 18 * 60
     steps = np.abs(np.diff(path, axis=0))
     assert steps.mean(axis=0)[3:].max() < 0.1
     assert (steps.max(axis=0) < STATION.arm(arm).limits.velocity * SAMPLE_S / 4).all()
@@ -192,8 +192,7 @@ def test_centres_of_another_collection_are_refused(collected):
 
 def test_a_recording_from_images_is_read_like_any_other(collected, tmp_path):
     one, _, path = collected["psm2"]
-    (tmp_path / "spheres_psm2.npz").write_bytes(path.read_bytes())
-    result = calibrate(one, tmp_path, model="offset", rng=np.random.default_rng(0))
+    result = calibrated(one, one.run(path), tmp_path, model="offset", rng=np.random.default_rng(0))
     recording = load_recording(tmp_path / "recording_psm2.npz")
     np.testing.assert_array_equal(recording.q_cmd, one.q_cmd)
     np.testing.assert_array_equal(recording.valid, result.recording.valid)

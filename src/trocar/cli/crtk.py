@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from typer import Option
 
 from trocar.cli.group import Result
@@ -19,7 +21,9 @@ from trocar.files.output import write_text
 from trocar.lab.topics import MAX_DOMAIN, Topics
 
 if TYPE_CHECKING:
+    from trocar.lab import Station
     from trocar.lab.session import Session
+    from trocar.sim.laboratory import SimLaboratory
 
 Ros = Annotated[int | None, Option(help="1 or 2.", show_default="the station's, or 2")]
 Interface = Annotated[
@@ -56,6 +60,10 @@ def serve(
     task: Annotated[str, Option(help="Lay out this task; a referee scores what is done.", show_default="none")] = "",
     option: Annotated[
         list[str] | None, Option(metavar="NAME=VALUE", help="Give an option of the task another value; repeatable.")
+    ] = None,
+    spheres: Annotated[
+        list[str] | None,
+        Option(metavar="ARM", help="Let this arm wear spheres, over an empty table, for a calibration; repeatable."),
     ] = None,
     seed: Seed = 0,
     session: Annotated[int, Option(min=0, help="Number of the session in a run of this seed.")] = 0,
@@ -98,14 +106,17 @@ def serve(
 
     With --task, its objects lie on the table as in the same trial of `trocar run`. At the end, whatever ends it, the
     referee scores what any client did to them, and the trial is kept with its replay and pictures, as those of a run.
+    With --spheres, the table is empty, and `trocar calibrate collect --robot` can calibrate an arm from images.
     """
     need("sim")
     if seconds is not None and not seconds > 0:
         raise InvalidValue("--seconds", seconds, "give more than 0")
-    given = {"--option": option, "--session": session, "--trial": trial, "--out": out}
+    given = {"--option": option, "--trial": trial, "--out": out}
     for flag, value in given.items():
         if value and not task:
             raise InvalidInput(flag, "has no effect without --task", f"drop {flag}, or add --task")
+    if spheres and task:
+        raise InvalidInput("--spheres", "are worn over an empty table, and --task lays one out", "drop one of them")
     from trocar.lab import load_station
 
     loaded = load_station(station)
@@ -114,7 +125,6 @@ def serve(
         topics = replace(topics, domain=int(os.environ.get("ROS_DOMAIN_ID", "0")))
     from trocar.crtk.faults import fault_of
     from trocar.crtk.served_cell import ServedCell
-    from trocar.lab.laboratory import build_cell
 
     faults = [fault_of(text, list(loaded.arms)) for text in fault or ()]
     referee, folder = None, out
@@ -126,7 +136,7 @@ def serve(
         folder = out or default_folder(f"served-{task}-{seed}", {"station": station, "option": option or []})
         chosen = make_task(TASKS.pick(task), option or ())
         referee = Referee(chosen, station, seed, session, trial, folder)
-    laboratory = referee.staged.laboratory if referee else build_cell(loaded, seed=seed)
+    laboratory = referee.staged.laboratory if referee else _laboratory(loaded, seed, session, spheres or ())
     if client_station is None and folder is not None:
         client_station = folder / "station.toml"
     drawn = laboratory.session
@@ -163,6 +173,30 @@ def serve(
         judged, shown = _judged(referee.save(end, images))
         summary, lines = summary | judged, [shown[0], *lines, *shown[1:]]
     return Result(summary, lines)
+
+
+def _laboratory(station: Station, seed: int, session: int, wearing: Sequence[str]) -> SimLaboratory:
+    """Return a laboratory without a task, in the session of this number in a run of this seed.
+
+    Args:
+        station: of the laboratory.
+        seed: of a run.
+        session: number.
+        wearing: arms that wear spheres; then there is a table, and it is empty.
+    """
+    from trocar.eval.config import SESSION
+    from trocar.lab.session import draw_session
+    from trocar.perception.fiducial_joints import require_psm
+    from trocar.perception.fiducials import SIX_SPHERES
+    from trocar.sim.calibration_cells import EmptyTable, printed
+    from trocar.sim.laboratory import SimLaboratory
+
+    for name in wearing:
+        require_psm(station.arm(name).model)
+    rng = np.random.default_rng([seed, session, SESSION])
+    drawn = draw_session(station, rng)
+    fixtures = {name: printed(SIX_SPHERES, rng) for name in wearing}
+    return SimLaboratory(drawn, EmptyTable() if wearing else None, rng, fixtures=fixtures)
 
 
 def _write_station(path: Path, station: str, session: Session, topics: Topics) -> None:

@@ -1,9 +1,9 @@
-"""``trocar run TASK --robot KIND:STATION.toml``: a person is told what will move, and asked; then arms move."""
+"""``--robot KIND:STATION.toml``: a person is told what will move, and asked; then arms move."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -29,17 +29,9 @@ def run_robot(
     from trocar.eval.on_robot import STOPPED, run_on_robot
     from trocar.eval.trial import trial_file
 
-    asks = sys.stdin.isatty() and not yes and not as_json
-    for line in about_motion(config):
-        typer.echo(line, err=True)  # whatever --quiet says
-    if not enable_motion:
-        raise InvalidInput(
-            f"--robot {config.robot}", "moves real arms, and motion is not enabled", "add --enable-motion"
-        )
-    if not (asks or yes):
-        raise InvalidInput(
-            f"--robot {config.robot}", "asks before arms move, and nobody is there to answer", "add --yes"
-        )
+    what = f"{config.task.name}, method {config.method}"
+    about = about_motion(what, config.robot, config.laboratory, config.arms)
+    asks = agreed(config.robot, about, enable_motion=enable_motion, yes=yes, as_json=as_json)
     folder = out or default_folder(f"{config.task.name}-{config.method}-{config.seed}", config.unusual)
     todo, stopped = open_folder(config, folder), False
     for session, index in todo:
@@ -60,15 +52,37 @@ def run_robot(
         raise typer.Exit(130 if stopped else 1)
 
 
-def about_motion(config: RunConfig) -> Iterator[str]:
-    """Yield in sentences what will move, where, and how fast."""
+def agreed(robot: str, about: Iterable[str], *, enable_motion: bool, yes: bool, as_json: bool = False) -> bool:
+    """Tell a person what will move; return whether to ask before it does.
+
+    Raises:
+        InvalidInput: motion is not enabled, or nobody is there to ask.
+    """
+    for line in about:
+        typer.echo(line, err=True)  # whatever --quiet says
+    if not enable_motion:
+        raise InvalidInput(f"--robot {robot}", "moves real arms, and motion is not enabled", "add --enable-motion")
+    asks = sys.stdin.isatty() and not yes and not as_json
+    if not (asks or yes):
+        raise InvalidInput(f"--robot {robot}", "asks before arms move, and nobody is there to answer", "add --yes")
+    return asks
+
+
+def about_motion(what: str, robot: str, station: Station, arms: Container[str]) -> Iterator[str]:
+    """Yield in sentences what will move, where, and how fast.
+
+    Args:
+        what: is done.
+        robot: as ``--robot`` names it.
+        station: of the robot.
+        arms: that work.
+    """
     from trocar.hardware.kinds import robot_of
 
-    kind, _ = robot_of(config.robot)
-    station: Station = config.laboratory
-    yield f"{config.task.name}, method {config.method}, at station {station.name!r}: {kind.about}"
+    kind, _ = robot_of(robot)
+    yield f"{what}, at station {station.name!r}: {kind.about}"
     for name, arm in station.arms.items():
-        does = "works" if name in config.arms else "is held where it is"
+        does = "works" if name in arms else "is held where it is"
         speeds = ", ".join(
             f"{joint.name} {speed:.3g} {joint.unit}/s"
             for joint, speed in zip(arm.model.joints, arm.limits.velocity, strict=True)

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from rich.table import Table
 
-from trocar.calibration.evaluation import Evaluation, evaluate
+from trocar.calibration.evaluation import Evaluation, draw_evaluation, evaluate
 from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.recording import JOINT_NAMES, Recording
-from trocar.collect.collection import Collection, Listener
+from trocar.collect.collection import Collection
+from trocar.collect.plan import CollectionPlan
 from trocar.files.output import write_figure
 from trocar.geometry import SE3
 from trocar.geometry.arrays import Array
@@ -30,18 +31,13 @@ BRIGHTER = 1.6
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """One arm, calibrated from images; only the errors use the simulator's truth."""
+    """One arm, calibrated from images."""
 
-    collection: Collection
+    collection: CollectionPlan
     measured: Measured  # base and joints found in its images
     recording: Recording
     evaluation: Evaluation | None  # of the cable model on what it was not fitted on; None: none was fitted
     fitted_rows: int  # rows at the beginning that the model was fitted on
-
-    @property
-    def joint_error(self) -> Array:
-        """Return measured minus true joints (m, 6) of the good rows."""
-        return (self.recording.q_phy - self.collection.q_joint)[self.recording.valid]
 
     @property
     def distance_error_m(self) -> Array:
@@ -49,60 +45,77 @@ class Calibrated:
         errors = distance_errors_m(self.collection.fixture, self.measured.p_camera_m)
         return errors[np.isfinite(errors)]
 
-    def summary(self, T_camera_base: SE3) -> dict[str, Any]:
-        """Return the figures of the report as JSON's values; ``T_camera_base`` is the true one."""
-        base, collection = self.measured.base, self.collection
-        off = T_camera_base.inverse() @ self.measured.T_camera_base
+    def error(self, q: Array) -> Array:
+        """Return measured joints minus these (n, 6), for the good rows (m, 6)."""
+        return (self.recording.q_phy - q)[self.recording.valid]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the report as JSON's values; ``off`` is from where the base was registered before."""
+        base, recording = self.measured.base, self.recording
         used = int(base.inliers.sum())
+        registration = {"rms_mm": 1e3 * base.rms_m, "used": used, "rejected": len(base.inliers) - used}
         found: dict[str, Any] = {
-            "rows": len(self.recording),
-            "good_rows": int(self.recording.valid.sum()),
+            "rows": len(recording),
+            "good_rows": int(recording.valid.sum()),
             "flags": self.measured.counts(),
-            "simulated_minutes": round(collection.duration_s / 60, 3),
+            "minutes": round(float(recording.t_s[-1]) / 60, 3),
             "sphere_distance_rms_mm": 1e3 * self.measured.distance_rms_m,
-            "joint_rms": _rms(self.joint_error).tolist(),
-            "registration": {
-                "rms_mm": 1e3 * base.rms_m,
-                "used": used,
-                "rejected": len(base.inliers) - used,
-                "off_mm": 1e3 * float(np.linalg.norm(off.translation_m)),
-                "off_deg": float(np.degrees(off.rotation.angle())),
-            },
+            "commanded_rms": _rms(self.error(recording.q_cmd)).tolist(),
+            "registration": registration | _off(self.collection.view.T_camera_base, self.measured.T_camera_base),
         }
         if self.evaluation is not None:
-            predicted = (self.evaluation.predicted - collection.q_joint)[self.evaluation.recording.valid]
             found["model"] = {
                 "name": self.evaluation.model,
                 "fitted_rows": self.fitted_rows,
                 "held_out_rows": self.evaluation.rows,
                 "rmse_before": self.evaluation.rmse_before.tolist(),
                 "rmse_after": self.evaluation.rmse_after.tolist(),
-                "rmse_after_true": _rms(predicted).tolist(),
             }
         return found
 
+    def drawn(self, folder: Path) -> tuple[dict[str, Any], list[Path]]:
+        """Draw pictures into a folder; return the figures, against the truth if it is known, and the further files."""
+        arm, files = self.collection.arm, []
+        if isinstance(self.collection, Collection):
+            files.append(draw_calibration(self, self.collection, folder / f"calibration_{arm}.png"))
+        if self.evaluation is not None:
+            files += [folder / f"cables_{arm}.npz", draw_evaluation(self.evaluation, folder / f"loops_{arm}.png")]
+        return self.judged(self.collection) if isinstance(self.collection, Collection) else self.summary(), files
 
-def calibrate(
-    collection: Collection,
+    def judged(self, truth: Collection) -> dict[str, Any]:
+        """Return the summary, with errors against the simulator's truth in place of those against what was known."""
+        found = self.summary()
+        found["simulated_minutes"] = found.pop("minutes")
+        found["joint_rms"] = _rms(self.error(truth.q_joint)).tolist()
+        del found["commanded_rms"]
+        found["registration"] |= _off(truth.T_camera_base_true, self.measured.T_camera_base)
+        if self.evaluation is not None:
+            predicted = (self.evaluation.predicted - truth.q_joint)[self.evaluation.recording.valid]
+            found["model"]["rmse_after_true"] = _rms(predicted).tolist()
+        return found
+
+
+def calibrated(
+    collection: CollectionPlan,
+    centers: Array,
     folder: str | Path,
     *,
     model: str | None = "play",
     fraction: float = 0.8,
     rng: np.random.Generator,
-    listener: Listener | None = None,
 ) -> Calibrated:
-    """Collect what is still missing, and write recording and cable model of one arm into a folder.
+    """Write recording and cable model of one arm into a folder.
 
     Args:
         collection: of the arm.
-        folder: gets ``spheres_ARM.npz``, ``recording_ARM.npz`` and ``cables_ARM.npz``.
+        centers: (n, k, 3) of the spheres in all its rows.
+        folder: gets ``recording_ARM.npz`` and ``cables_ARM.npz``.
         model: cable model, fitted on the first rows; None: none.
         fraction: share of the rows that it is fitted on; the rest is for its evaluation.
         rng: of the fit.
-        listener: called after each row.
     """
     folder, arm = Path(folder), collection.arm
-    measured = collection.measured(collection.run(folder / f"spheres_{arm}.npz", listener))
+    measured = collection.measured(centers)
     recording = collection.recording(measured)
     recording.save(folder / f"recording_{arm}.npz")
     rows, evaluation = int(fraction * len(recording)), None
@@ -113,13 +126,17 @@ def calibrate(
     return Calibrated(collection, measured, recording, evaluation, rows)
 
 
-def draw_calibration(found: Calibrated, path: str | Path) -> Path:
+def draw_calibration(found: Calibrated, truth: Collection, path: str | Path) -> Path:
     """Draw an image with the spheres found, distances between spheres, and the joints' errors over time."""
     figure = Figure(figsize=(14, 8), layout="constrained", dpi=110)
     grid = figure.add_gridspec(2, 3)
-    _draw_image(figure.add_subplot(grid[0, 0]), found)
+    _draw_image(figure.add_subplot(grid[0, 0]), found, truth)
     distances, outer, wrist = (figure.add_subplot(grid[place]) for place in ((0, 1), (0, 2), (1, slice(None))))
-    error, names = found.joint_error, _joint_labels(found)
+    error = found.error(truth.q_joint)
+    names = [
+        f"{JOINT_NAMES[joint]}: {' '.join(_joint_error(joint, rms))} RMS"
+        for joint, rms in enumerate(_rms(error).tolist())
+    ]
     distances.hist(1e3 * found.distance_error_m, bins=60, color="#1f6fb4")
     distances.set_title(f"distances between spheres: {1e3 * found.measured.distance_rms_m:.2f} mm RMS")
     distances.set_xlabel("measured - printed [mm]")
@@ -146,23 +163,26 @@ def draw_calibration(found: Calibrated, path: str | Path) -> Path:
 
 
 def collection_table(arms: dict[str, dict[str, Any]]) -> Table:
-    """Return the figures of all arms beside the targets."""
+    """Return the figures of all arms beside the targets; those against the truth where it is known."""
     table = Table(title="calibration from images")
     table.add_column("", justify="left")
     for name in (*arms, "must hold"):
         table.add_column(name, justify="right")
     every = list(arms.values())
+    simulated = all("joint_rms" in a for a in every)
+    joints, minutes = ("joint_rms", "simulated_minutes") if simulated else ("commanded_rms", "minutes")
+    than, off = ("true", "base off") if simulated else ("commanded", "base off the one registered before")
     table.add_row("good rows", *(f"{a['good_rows']} of {a['rows']}" for a in every), "")
-    table.add_row("time on the robot, min", *(f"{a['simulated_minutes']:.1f}" for a in every), "18 for 1355")
+    table.add_row("time on the robot, min", *(f"{a[minutes]:.1f}" for a in every), "18 for 1355" if simulated else "")
     distances = (f"{a['sphere_distance_rms_mm']:.2f}" for a in every)
     table.add_row("sphere distances, mm RMS", *distances, f"{DISTANCE_TARGET_MM:g}")
     for joint, name in enumerate(JOINT_NAMES):
-        shown = [_joint_error(joint, a["joint_rms"][joint]) for a in every]
-        limit = "" if name == "q3" else f"{JOINT_TARGET_RAD:g}"
-        table.add_row(f"{name} measured - true, {shown[0][1]} RMS", *(value for value, _ in shown), limit)
+        shown = [_joint_error(joint, a[joints][joint]) for a in every]
+        limit = f"{JOINT_TARGET_RAD:g}" if simulated and name != "q3" else ""
+        table.add_row(f"{name} measured - {than}, {shown[0][1]} RMS", *(value for value, _ in shown), limit)
     registrations = [a["registration"] for a in every]
-    table.add_row("base off, mm", *(f"{r['off_mm']:.2f}" for r in registrations), "")
-    table.add_row("base off, deg", *(f"{r['off_deg']:.3f}" for r in registrations), "")
+    table.add_row(f"{off}, mm", *(f"{r['off_mm']:.2f}" for r in registrations), "")
+    table.add_row(f"{off}, deg", *(f"{r['off_deg']:.3f}" for r in registrations), "")
     if all("model" in a for a in every):
         for joint in (3, 4, 5):
             both = ((a["model"]["rmse_before"][joint], a["model"]["rmse_after"][joint]) for a in every)
@@ -170,11 +190,11 @@ def collection_table(arms: dict[str, dict[str, Any]]) -> Table:
     return table
 
 
-def _draw_image(axes: Axes, found: Calibrated) -> None:
+def _draw_image(axes: Axes, found: Calibrated, truth: Collection) -> None:
     """Draw the image of the middle good row, with an outline round each accepted sphere."""
     rows = np.flatnonzero(found.recording.valid)
     row = int(rows[len(rows) // 2])
-    image = found.collection.image(row)
+    image = truth.image(row)
     axes.imshow(cv2.convertScaleAbs(image.color, alpha=BRIGHTER))
     centers = found.measured.p_camera_m[row]
     for center, radius in zip(centers, found.collection.fixture.radii_m, strict=True):
@@ -186,12 +206,6 @@ def _draw_image(axes: Axes, found: Calibrated) -> None:
     axes.set_axis_off()
 
 
-def _joint_labels(found: Calibrated) -> list[str]:
-    """Return name and RMS error of each joint."""
-    errors = enumerate(_rms(found.joint_error).tolist())
-    return [f"{JOINT_NAMES[joint]}: {' '.join(_joint_error(joint, error))} RMS" for joint, error in errors]
-
-
 def _joint_error(joint: int, error: float) -> tuple[str, str]:
     """Return the error of a joint, rad or m, as shown in pictures and tables, and its unit."""
     return (f"{1e3 * error:.2f}", "mm") if JOINT_NAMES[joint] == "q3" else (f"{error:.4f}", "rad")
@@ -199,3 +213,12 @@ def _joint_error(joint: int, error: float) -> tuple[str, str]:
 
 def _rms(errors: Array) -> Array:
     return np.sqrt(np.mean(errors**2, axis=0))
+
+
+def _off(T_camera_base: SE3, found: SE3) -> dict[str, float]:
+    """Return how far a base was found off another pose."""
+    off = T_camera_base.inverse() @ found
+    return {
+        "off_mm": 1e3 * float(np.linalg.norm(off.translation_m)),
+        "off_deg": float(np.degrees(off.rotation.angle())),
+    }

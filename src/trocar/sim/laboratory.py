@@ -15,6 +15,7 @@ from trocar.lab import SensorFlaws, Station
 from trocar.lab.session import Session, draw_session
 from trocar.lab.transmission import DriveTrain
 from trocar.log import CellLog, timed
+from trocar.perception.fiducials import Fixture
 from trocar.robots import TICK_S, ArmGuard, Guarded, JointEstimator
 from trocar.robots.concurrency import cause_of
 from trocar.sim.cameras import CameraRenderer, SimCamera
@@ -61,6 +62,7 @@ class SimLaboratory:
         rng: of cables and cameras.
         flaws: of all cameras, in place of the station's.
         surface: of the contacts; default: the usual surface.
+        fixtures: spheres that instruments wear for a calibration, by arm.
         listener: called with each event of the log.
 
     Attributes:
@@ -81,12 +83,13 @@ class SimLaboratory:
         *,
         flaws: SensorFlaws | None = None,
         surface: Surface | None = None,
+        fixtures: Mapping[str, Fixture] | None = None,
         listener: Listener | None = None,
     ):
         station, self.session, self.task = session.station, session, task or TaskWorld()
         self._ticks = 0
         cable_rng, camera_rng = (rng or np.random.default_rng(0)).spawn(2)
-        self.world = World(session.models, session.T_world_base, self.task, surface=surface)
+        self.world = World(session.models, session.T_world_base, self.task, surface=surface, fixtures=fixtures)
         self.driver = SimRobot(self.world, self.now_s)
         for name, arm in station.arms.items():
             train = DriveTrain(session.transmissions[name], arm.park_q(), cable_rng)
