@@ -138,7 +138,7 @@ def serve(
     drawn = laboratory.session
     if client_station is not None:
         _write_station(client_station, station, drawn, topics)
-    title = f"{' '.join([task or station, *(option or [])])}, seed {seed}, session {session}: served live"
+    title = f"{task or station}, seed {seed}, live"
     with (
         ServedCell(laboratory, topics, speed, images_hz, faults=faults, allowed=allow or ()) as served,
         _page(laboratory, served, topics, title if view else "") as scripts,

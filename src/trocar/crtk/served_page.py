@@ -103,7 +103,7 @@ class ServedPage:
         clock = f"{100 * timely.late_share:.2f} % of the ticks late, the latest by {1e3 * timely.latest_s:.0f} ms"
         return Moment(
             now_s,
-            laboratory.recorder.arrays(-1),
+            {name: row for name, row in laboratory.recorder.arrays(-1).items() if not name.startswith("desired_")},
             {name: self._facts(name) for name in self._served.arms},
             clock,
             tuple(events),

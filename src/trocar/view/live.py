@@ -39,7 +39,9 @@ from trocar.view.viewpoint import viewpoint
 
 TRAIL_S = 2.0
 """So much of a tip's path is drawn."""
-KEPT_EVENTS = 12
+KEPT_EVENTS, BALLS = 12, 50
+PICTURES = 2
+"""Place of the cameras in the panel, below clock and arms."""
 GOOD: Rgb = (24, 132, 74)
 WAITS: Rgb = (176, 108, 0)
 BAD: Rgb = (190, 40, 40)
@@ -116,7 +118,7 @@ class LiveView:
         self._due_s = 0.0
         replay = self._replay([moment])
         film = shoot(replay)
-        view = viewpoint(replay, film)
+        view = viewpoint(replay, film, live=True)
         self._moving, self._radius_m = film.bodies, 0.035 * view.radius_m
         self.server = open_server(port)
         with self.server.atomic():
@@ -166,7 +168,7 @@ class LiveView:
         """Show an image (h, w, 3) of a camera, with what is said about it."""
         shown = self._cameras.get(camera)
         if shown is None:
-            with self._pictures, self.server.gui.add_folder(f"Camera: {camera}"):
+            with self.server.gui.add_folder(f"Camera: {camera}", order=PICTURES):
                 words = self.server.gui.add_markdown("")
                 picture = self.server.gui.add_image(np.full((9, 16, 3), 235, np.uint8), format="jpeg")
             shown = self._cameras[camera] = words, picture
@@ -189,7 +191,7 @@ class LiveView:
         """Show new touches, each for a while."""
         for touch in moment.contacts:
             self._touches += 1
-            ball = add_contact(self.server.scene, f"/contacts/{self._touches}", touch, self._radius_m)
+            ball = add_contact(self.server.scene, f"/contacts/{self._touches % BALLS}", touch, self._radius_m)
             self._balls.append((ball, moment.time_s + 2 * MIN_S))
         for ball, end_s in self._balls:
             if end_s <= moment.time_s:
@@ -202,14 +204,13 @@ class LiveView:
         gui.set_panel_label(self._title)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_PX)
-        gui.add_markdown(f"*{NOTICE}*")
-        self._state = gui.add_html("")
+        gui.add_markdown(f"*{NOTICE}*", order=0)
+        self._state = gui.add_html("", order=1)
         self._cameras: dict[str, tuple[Any, Any]] = {}
-        self._pictures = gui.add_folder("Cameras", visible=False)
-        with gui.add_folder("Events"):
+        with gui.add_folder("Events", order=PICTURES + 1):
             self._events = gui.add_html("")
         self._joints: dict[str, JointsPanel] = {}
-        with gui.add_folder("Joints"):
+        with gui.add_folder("Joints", order=PICTURES + 2):
             tabs = gui.add_tab_group()
             for arm in replay.tools:
                 joints = Joints.of(replay, arm)
@@ -276,7 +277,7 @@ DOT_M = 1e-3
 
 def box(html: str) -> str:
     """Return a piece of the panel."""
-    return f'<div style="font-size:13px;line-height:1.55;padding:0 2px;overflow-wrap:anywhere">{html}</div>'
+    return f'<div style="font-size:13px;line-height:1.55;padding:2px 14px;overflow-wrap:anywhere">{html}</div>'
 
 
 def card(arm: str, found: ArmFacts, off_m: float) -> str:

@@ -23,6 +23,8 @@ START_S = 120.0
 """The page is there within this time."""
 END_S = 5.0
 """It ends within this time."""
+IDLE_S = 0.5
+"""While no browser has it open, it asks for moments so slowly."""
 LOOK_S = 0.1
 """So often it looks for images."""
 
@@ -108,6 +110,8 @@ def show_for_ever(
         pipe.send(view.port)
         while True:
             view.show(pipe.recv())
+            if not view.watched:
+                pipe.poll(IDLE_S)  # nothing comes before the answer, unless the other end goes
             pipe.send(True)
             if time.monotonic() < look_s:
                 continue

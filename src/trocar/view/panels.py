@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -172,7 +172,7 @@ def _marked(picture: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
 
 
 WIDEST_PX = 840  # width of a camera's image, small enough to be sent quickly
-CURVES = (PLANNED, CONTACT, DRIVEN)
+CURVES: Mapping[str, Rgb] = {"commanded": PLANNED, "measured": CONTACT, "true": DRIVEN}
 
 
 def panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | CameraPanel | JointsPanel]:
@@ -248,10 +248,7 @@ class JointsPanel:
         self._joints, self._tick = joints, 0
         if joints.compared():
             self._menu = gui.add_dropdown("joint", joints.names, initial_value=joints.names[-2])
-            looks: list[Any] = [
-                {"label": kind, "stroke": css(colour), "width": 2}
-                for kind, colour in zip(joints.compared(), CURVES, strict=False)
-            ]
+            looks: list[Any] = [{"label": kind, "stroke": css(CURVES[kind]), "width": 2} for kind in joints.compared()]
             scales: dict[str, Any] = {"x": {"time": False, "range": (-WINDOW_S, ahead_s)}}
             data = joints.errors_near(0, len(joints.names) - 2)
             self._curves = gui.add_uplot(data, ({"label": "s from now"}, *looks), scales=scales, height=170)
