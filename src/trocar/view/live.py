@@ -15,6 +15,7 @@ from PIL import Image
 
 from trocar.replay import Contact, Replay
 from trocar.view.film import shoot
+from trocar.view.mesh import solid_mesh
 from trocar.view.panels import WINDOW_S, Joints, JointsPanel, reduced
 from trocar.view.replay import NOTICE
 from trocar.view.server import close_server, open_server
@@ -42,6 +43,7 @@ TRAIL_S = 2.0
 KEPT_EVENTS, BALLS = 12, 50
 PICTURES = 2
 """Place of the cameras in the panel, below clock and arms."""
+TABLE: Rgb = (178, 184, 192)
 GOOD: Rgb = (24, 132, 74)
 WAITS: Rgb = (176, 108, 0)
 BAD: Rgb = (190, 40, 40)
@@ -124,6 +126,7 @@ class LiveView:
         with self.server.atomic():
             look_from(self.server, view)
             light(self.server.scene, view)
+            self._lay_table(replay)
             self._bodies = Bodies(self.server.scene, replay, film)
             self._tips = [Tip(self.server.scene, arm, replay, 0.4 * view.radius_m) for arm in replay.tools]
             self._balls: list[tuple[Any, float]] = []
@@ -197,6 +200,23 @@ class LiveView:
             if end_s <= moment.time_s:
                 ball.remove()
         self._balls = [(ball, end_s) for ball, end_s in self._balls if end_s > moment.time_s]
+
+    def _lay_table(self, replay: Replay) -> None:
+        """Lay a table below what never moves, if there is anything."""
+        fixed = [solid for solid in replay.solids if solid.body not in self._moving]
+        corners = [
+            (replay.T_world_body[solid.body] @ solid.T_body_solid).apply(
+                solid_mesh(solid).vertices_m.astype(np.float64)
+            )
+            for solid in fixed
+        ]
+        if corners:
+            low, high = np.concatenate(corners).min(0), np.concatenate(corners).max(0)
+            width, depth = 2.2 * (high - low)[:2]
+            look: dict[str, Any] = {"cell_thickness": 0.0, "section_thickness": 0.0, "shadow_opacity": 0.25}
+            look |= {"plane_color": TABLE, "plane_opacity": 1.0}
+            middle = (*((low + high) / 2)[:2].tolist(), float(low[2]))
+            self.server.scene.add_grid("/table", width, depth, position=middle, **look)
 
     def _add_panels(self, replay: Replay) -> None:
         gui = self.server.gui
