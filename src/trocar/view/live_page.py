@@ -105,8 +105,8 @@ def show_for_ever(
     """Show moments until the other end has gone; each is answered with True, the start with the port."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends with its parent
-    os.nice(NICE)
     view = LiveView(scene, title, moment, port)
+    os.nice(NICE)
     images: Images | None = None
     look_s = 0.0
     try:
