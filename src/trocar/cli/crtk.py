@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,9 +22,11 @@ from trocar.files.output import write_text
 from trocar.lab.topics import MAX_DOMAIN, Topics
 
 if TYPE_CHECKING:
+    from trocar.crtk.served_cell import ServedCell
     from trocar.lab import Station
     from trocar.lab.session import Session
     from trocar.sim.laboratory import SimLaboratory
+    from trocar.sim.pace import Script
 
 Ros = Annotated[int | None, Option(help="1 or 2.", show_default="the station's, or 2")]
 Interface = Annotated[
@@ -92,6 +95,7 @@ def serve(
             show_default="* on the loopback interface, else nobody",
         ),
     ] = None,
+    view: Annotated[bool, Option("--view", help="Show the cell live, on a page for this machine's browsers.")] = False,
     images_hz: Annotated[float, Option(help="Images a second of a camera until it is triggered; 0: none.")] = 1.0,
     ros: Ros = None,
     interface: Interface = None,
@@ -108,7 +112,7 @@ def serve(
     referee scores what any client did to them, and the trial is kept with its replay and pictures, as those of a run.
     With --spheres, the table is empty, and `trocar calibrate collect --robot` can calibrate an arm from images.
     """
-    need("sim")
+    need("sim", *(["view"] if view else []))
     if seconds is not None and not seconds > 0:
         raise InvalidValue("--seconds", seconds, "give more than 0")
     given = {"--option": option, "--trial": trial, "--out": out}
@@ -142,14 +146,18 @@ def serve(
     drawn = laboratory.session
     if client_station is not None:
         _write_station(client_station, station, drawn, topics)
-    with ServedCell(laboratory, topics, speed, images_hz, faults=faults, allowed=allow or ()) as served:
+    title = f"{task or station}, seed {seed}, live"
+    with (
+        ServedCell(laboratory, topics, speed, images_hz, faults=faults, allowed=allow or ()) as served,
+        _page(laboratory, served, topics, title if view else "") as scripts,
+    ):
         names = ", ".join(
             [topics.of_arm(name) for name in served.arms] + list(map(topics.of_camera, drawn.station.cameras))
         )
         beside().print(f"serving {names} over ROS {topics.ros} on {topics.interface}; Ctrl-C ends it", soft_wrap=True)
         if client_station is not None:
             beside().print(f"a client's station: {client_station}", soft_wrap=True)
-        end = served.run(seconds or float("inf"))
+        end = served.run(seconds or float("inf"), scripts)
         images = served.files() if referee else ({}, {})
     time = served.timeliness()
     summary = {
@@ -197,6 +205,19 @@ def _laboratory(station: Station, seed: int, session: int, wearing: Sequence[str
     drawn = draw_session(station, rng)
     fixtures = {name: printed(SIX_SPHERES, rng) for name in wearing}
     return SimLaboratory(drawn, EmptyTable() if wearing else None, rng, fixtures=fixtures)
+
+
+@contextmanager
+def _page(laboratory: SimLaboratory, served: ServedCell, topics: Topics, title: str) -> Iterator[list[Script]]:
+    """Open a page with this title, if there is one, and yield what feeds it."""
+    if not title:
+        yield []
+        return
+    from trocar.crtk.served_page import ServedPage
+
+    with ServedPage(laboratory, served, topics, title) as page:
+        beside().print(f"watch it: {page.address} in a browser", soft_wrap=True)
+        yield [page.serve]
 
 
 def _write_station(path: Path, station: str, session: Session, topics: Topics) -> None:

@@ -112,12 +112,15 @@ class AccessBus:
 
     def _moves(self, client: Client, arm: str) -> None:
         """Note who moves an arm beside another."""
-        now_s, moved = time.monotonic(), self._moved.setdefault(arm, {})
-        moved[client.addresses, client.process or client.node] = now_s, client  # its node's name may come later
-        if len(moved) > 1:
-            together = [one for at_s, one in moved.values() if now_s - at_s < TOGETHER_S]
-            if len(together) > 1:
-                self._once("two clients", arm=arm, clients=sorted(map(str, together)))
+        moved = self._moved.setdefault(arm, {})
+        moved[client.addresses, client.process or client.node] = time.monotonic(), client  # its name may come later
+        if len(moved) > 1 and len(together := self.movers(arm)) > 1:
+            self._once("two clients", arm=arm, clients=together)
+
+    def movers(self, arm: str) -> list[str]:
+        """Return who has just moved an arm."""
+        now_s = time.monotonic()
+        return sorted(str(one) for at_s, one in self._moved.get(arm, {}).values() if now_s - at_s < TOGETHER_S)
 
     def _once(self, name: str, **values: Any) -> None:
         key = (name, *map(str, values.values()))

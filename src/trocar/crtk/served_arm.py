@@ -97,15 +97,20 @@ class ServedArm:
         """Return how many set-points have been streamed to the arm."""
         return sum(self.counts[what] for what in STREAMS)
 
+    @property
+    def operating(self) -> tuple[str, bool, bool]:
+        """Return the operating state, whether the arm is homed, and whether it is busy."""
+        return self._state, self._homed, self._busy > 0
+
     def tell(self, now_s: float) -> None:
         """Publish where the arm is; ``now_s`` is the machine's time of this tick."""
         goal = self._driver.setpoint(self._name).q if self._asked is None else self._asked
         self._report.tick(now_s, self._name, self._driver, goal)
-        if (self._state, self._homed, self._busy > 0) != self._told:
+        if self.operating != self._told:
             self._tell_state()
 
     def _tell_state(self) -> None:
-        self._told = self._state, self._homed, self._busy > 0
+        self._told = self.operating
         self._report.state(*self._told)
 
     def hear(self, nursery: trio.Nursery, now_s: float) -> None:

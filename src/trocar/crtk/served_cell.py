@@ -56,6 +56,7 @@ class ServedCell:
     Attributes:
         arms: by name.
         refused: commands that were refused, by client.
+        movers: returns who has just moved an arm.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class ServedCell:
         self._laboratory, self._pace = laboratory, RealTime(speed, MAX_LATE_S)
         self._server = CrtkServer(laboratory, topics, speed, faults=faults, allowed=allowed)
         self._cameras = ServedCameras(laboratory, topics, images_hz)
-        self.arms, self.refused = self._server.arms, self._server.refused
+        self.arms, self.refused, self.movers = self._server.arms, self._server.refused, self._server.movers
         self._beside: list[Script] = [self._server.serve, self._cameras.serve]
         self._open = ExitStack()
         self._core_share = 0.0

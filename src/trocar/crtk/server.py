@@ -43,6 +43,7 @@ class CrtkServer:
 
     Attributes:
         refused: commands that were refused, by client.
+        movers: returns who has just moved an arm.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class CrtkServer:
         bus = AccessBus(
             planted, allowed or usual(topics.interface), lambda topic: planted.arm_of(topic)[0], laboratory.log.event
         )
-        self.refused = bus.refused
+        self.refused, self.movers = bus.refused, bus.movers
         self.arms = {
             name: ServedArm(name, model, laboratory, bus, topics.of_arm(name), session.T_world_base_registered[name])
             for name, model in laboratory.cell.arms.items()

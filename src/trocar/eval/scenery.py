@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,16 +73,45 @@ class Scenery:
 
     def replay(self, trial: Trial) -> Replay:
         """Return a trial with this scenery as a replay."""
-        about, arrays = trial.about, trial.arrays
+        about = trial.about
+        title = " ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key))
+        title += " on a robot, as its encoders read" if trial.on_robot else ""
+        return replace(
+            self.shown(
+                title + (" on a robot, as its encoders read" if trial.on_robot else ""), trial.times_s, trial.arrays
+            ),
+            contacts=tuple(contact_of(collision) for collision in trial.collisions),
+            spans=tuple((s.arm, s.name, s.start_s, s.end_s) for s in trial.spans),
+            events=tuple(trial.events),
+            images=tuple(
+                CameraImage(time_s, camera, trial.images[blob])
+                for camera, images in self.cameras.items()
+                for time_s, blob in images
+                if blob in trial.images
+            ),
+        )
+
+    def shown(
+        self, title: str, times_s: NDArray[np.float64], arrays: Mapping[str, NDArray], planned: str = "desired"
+    ) -> Replay:
+        """Return a replay of arms and bodies alone.
+
+        Args:
+            title: one line.
+            times_s: (n,) of the rows.
+            arrays: rows named as those of a trial; where the true joints are not known, the measured ones are drawn.
+            planned: the joints of which the planned paths are.
+        """
         bodies: dict[str, SE3] = dict(self.T_world_body)
         tools: dict[str, ToolPath] = {}
         for name, arm in self.arms.items():
-            kind, base = ("measured", self.T_world_base_registered) if trial.on_robot else ("true", self.T_world_base)
+            known = f"true_{name}" in arrays
+            kind, base = ("true", self.T_world_base) if known else ("measured", self.T_world_base_registered)
             driven = arrays[f"{kind}_{name}"].astype(np.float64)
             bodies |= link_poses(name, arm, base[name], driven)
-            desired = arrays.get(f"desired_{name}", driven).astype(np.float64)
+            asked = arrays.get(f"{planned}_{name}", driven).astype(np.float64)
             tools[name] = ToolPath(
-                (self.T_world_base_registered[name] @ fk(arm, desired[:, :6])).translation_m,
+                (self.T_world_base_registered[name] @ fk(arm, asked[:, :6])).translation_m,
                 (base[name] @ fk(arm, driven[:, :6])).translation_m,
             )
         for key, rows in arrays.items():
@@ -91,36 +120,29 @@ class Scenery:
                 bodies[key.removeprefix("body_")] = SE3.from_parts(SO3.from_quaternion(rows[:, 3:]), rows[:, :3])
         kinds = ("desired", "commanded", "measured", "true")
         return Replay(
-            title=" ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key))
-            + (" on a robot, as its encoders read" if trial.on_robot else ""),
-            times_s=trial.times_s,
-            solids=self.solids,
-            T_world_body=bodies,
-            tools=tools,
-            contacts=tuple(
-                Contact(
-                    c["time_s"],
-                    c["end_s"],
-                    (f"{c['arm']}: {c['what']}" if c["what"] != "arm" else c["arm"], c["against"]),
-                    tuple(c["p_world_m"]),
-                    c["force_n"],
-                )
-                for c in trial.collisions
-            ),
-            spans=tuple((s.arm, s.name, s.start_s, s.end_s) for s in trial.spans),
-            events=tuple(trial.events),
+            title,
+            times_s,
+            self.solids,
+            bodies,
+            tools,
             joints={
                 name: {kind: arrays[f"{kind}_{name}"] for kind in kinds if f"{kind}_{name}" in arrays}
                 for name in self.arms
             },
             joint_names={name: (*(j.name for j in arm.joints), "jaw") for name, arm in self.arms.items()},
-            images=tuple(
-                CameraImage(time_s, camera, trial.images[blob])
-                for camera, images in self.cameras.items()
-                for time_s, blob in images
-                if blob in trial.images
-            ),
         )
+
+
+def contact_of(collision: Mapping[str, Any]) -> Contact:
+    """Return a collision of a trial as a replay shows it."""
+    arm, what = collision["arm"], collision["what"]
+    return Contact(
+        collision["time_s"],
+        collision["end_s"],
+        (f"{arm}: {what}" if what != "arm" else arm, collision["against"]),
+        tuple(collision["p_world_m"]),
+        collision["force_n"],
+    )
 
 
 def link_poses(name: str, arm: ArmModel, T_world_base: SE3, joints: NDArray[np.float64]) -> dict[str, SE3]:

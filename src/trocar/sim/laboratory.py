@@ -73,6 +73,7 @@ class SimLaboratory:
         log: what they log.
         cameras: by name.
         recorder: what happened, tick by tick.
+        contacts: which of it were collisions; simulator truth.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class SimLaboratory:
             for name, arm in station.arms.items()
         }
         self._guard = Guarded(self.driver, guards, min_distance_m=station.min_distance_m, note=self.log.event)
-        self._contacts = ContactMonitor(self.world)
+        self.contacts = ContactMonitor(self.world)
         self.recorder = Recorder(self.world, self._guard)
         self.cell = Cell(
             robot=self._guard,
@@ -145,12 +146,12 @@ class SimLaboratory:
         self._observe()
 
     def _observe(self) -> None:
-        for observer in (self.recorder, self.task, self._contacts):
+        for observer in (self.recorder, self.task, self.contacts):
             observer.observe(self.now_s())
 
     def record(self) -> Record:
         """Return what has happened so far; simulator truth."""
-        return self.recorder.record(self._contacts.collisions())
+        return self.recorder.record(self.contacts.collisions())
 
     def truth(self) -> Any:
         """Return the referee's account of it, only for the task's score."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -115,19 +116,23 @@ class Recorder:
         tips = {name: bases[name] @ fk(arm, joints[name][:, :6]) for name, arm in self._world.models.items()}
         return Record(np.array(self._times), joints, bodies, tips, collisions)
 
-    def joints(self, kind: str) -> dict[str, NDArray[np.float64]]:
+    def joints(self, kind: str, start: int = 0) -> dict[str, NDArray[np.float64]]:
         """Return (n, 7) joints and jaw of each arm: ``desired``, ``commanded``, ``measured`` or ``true``."""
-        return {name: np.array(rows[kind]).reshape(-1, 7) for name, rows in self._rows.items()}
+        return {name: np.array(rows[kind][start:]).reshape(-1, 7) for name, rows in self._rows.items()}
 
-    def free_poses(self) -> dict[str, NDArray[np.float64]]:
+    def free_poses(self, start: int = 0) -> dict[str, NDArray[np.float64]]:
         """Return positions and quaternions wxyz (n, 7) of each free body."""
-        poses = np.array(self._free).reshape(len(self._times), -1, 7)
+        free = self._free[start:]
+        poses = np.array(free).reshape(len(free), -1, 7)
         return {body: poses[:, k] for k, body in enumerate(self._world.free_bodies)}
 
-    def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz."""
-        arrays = {f"{kind}_{name}": rows for kind in KINDS for name, rows in self.joints(kind).items()}
-        return arrays | {f"body_{body}": rows for body, rows in self.free_poses().items()}
+    def arrays(self, start: int = 0) -> dict[str, NDArray[np.float64]]:
+        """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz.
+
+        ``start`` is the first row; -1: the last row alone.
+        """
+        arrays = {f"{kind}_{name}": rows for kind in KINDS for name, rows in self.joints(kind, start).items()}
+        return arrays | {f"body_{body}": rows for body, rows in self.free_poses(start).items()}
 
 
 class ContactMonitor:
@@ -165,11 +170,12 @@ class ContactMonitor:
             strongest = now if now.force_n > last.force_n else last
             self._last[pair] = replace(strongest, time_s=last.time_s, end_s=now.end_s)
 
-    def collisions(self) -> tuple[Collision, ...]:
-        """Return all so far, in order of time."""
+    def collisions(self, after_s: float = -1.0, until_s: float = math.inf) -> tuple[Collision, ...]:
+        """Return all so far, or those that began after a time and until another, in order of time."""
         found = [
             replace(c, time_s=round(c.time_s, 6), end_s=round(c.end_s, 6), force_n=round(c.force_n, 3))
             for c in (*self._earlier, *self._last.values())
+            if after_s < c.time_s <= until_s
         ]
         return tuple(sorted(found, key=lambda c: (c.time_s, c.arm, c.against)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -172,7 +172,7 @@ def _marked(picture: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
 
 
 WIDEST_PX = 840  # width of a camera's image, small enough to be sent quickly
-CURVES = (PLANNED, CONTACT, DRIVEN)
+CURVES: Mapping[str, Rgb] = {"commanded": PLANNED, "measured": CONTACT, "true": DRIVEN}
 
 
 def panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | CameraPanel | JointsPanel]:
@@ -242,17 +242,14 @@ class CameraPanel:
 
 
 class JointsPanel:
-    """One joint's errors as curves, all joints as a table."""
+    """One joint's errors as curves, ``ahead_s`` beyond the present, all joints as a table."""
 
-    def __init__(self, gui: GuiApi, joints: Joints) -> None:
+    def __init__(self, gui: GuiApi, joints: Joints, ahead_s: float = WINDOW_S) -> None:
         self._joints, self._tick = joints, 0
         if joints.compared():
             self._menu = gui.add_dropdown("joint", joints.names, initial_value=joints.names[-2])
-            looks: list[Any] = [
-                {"label": kind, "stroke": css(colour), "width": 2}
-                for kind, colour in zip(joints.compared(), CURVES, strict=False)
-            ]
-            scales: dict[str, Any] = {"x": {"time": False, "range": (-WINDOW_S, WINDOW_S)}}
+            looks: list[Any] = [{"label": kind, "stroke": css(CURVES[kind]), "width": 2} for kind in joints.compared()]
+            scales: dict[str, Any] = {"x": {"time": False, "range": (-WINDOW_S, ahead_s)}}
             data = joints.errors_near(0, len(joints.names) - 2)
             self._curves = gui.add_uplot(data, ({"label": "s from now"}, *looks), scales=scales, height=170)
             self._menu.on_update(lambda _: self._draw_curves())
@@ -265,6 +262,11 @@ class JointsPanel:
         self._table.content = self._joints.table(tick)
         if self._joints.compared():
             self._draw_curves()
+
+    def renew(self, joints: Joints) -> None:
+        """Take other joints, of the same kinds, and show their end."""
+        self._joints = joints
+        self.show(len(joints.times_s) - 1)
 
     def _draw_curves(self) -> None:
         joint = self._joints.names.index(self._menu.value)
@@ -279,5 +281,10 @@ def decoded(image: CameraImage) -> NDArray[np.uint8] | None:
             picture = file.convert("RGB")
     except (UnidentifiedImageError, OSError, ValueError):
         return None
+    return reduced(picture)
+
+
+def reduced(picture: Image.Image) -> NDArray[np.uint8]:
+    """Return a picture (h, w, 3), reduced if it is large."""
     picture.thumbnail((WIDEST_PX, WIDEST_PX))
     return np.asarray(picture)

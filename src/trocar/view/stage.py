@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.replay import Replay
+from trocar.replay import Contact, Replay
 from trocar.view.film import Film
 from trocar.view.mesh import Mesh, Rgba, body_parts
 from trocar.view.viewpoint import FIELD_RAD, Viewpoint, viewpoint
@@ -82,7 +82,7 @@ class Paths:
                 known = filled(points)
                 if known is not None:
                     name = f"/paths/{arm} {kind}"
-                    _add_line(scene, f"{name}, all", thinned(known), colour, THIN_PX).visible = False
+                    add_line(scene, f"{name}, all", thinned(known), colour, THIN_PX).visible = False
                     self._trails += [Trail(scene, name, replay.times_s, known, colour, part) for part in (NEAR, now)]
 
     def show(self, frame: int) -> None:
@@ -107,14 +107,14 @@ class Trail:
         self._clock_s = np.arange(times_s[0], times_s[-1] + STEP_S, STEP_S)
         self._on_clock_m = self._points_m[self._ticks(self._clock_s)]
         self._drawn = self._stretch(float(times_s[0]))
-        self._node = _add_line(scene, f"{name}, {part.name}", self._drawn, colour, part.width_px)
+        self._node = add_line(scene, f"{name}, {part.name}", self._drawn, colour, part.width_px)
 
     def show(self, time_s: float) -> None:
         """Draw the stretch about a time, unless it is drawn already."""
         stretch = self._stretch(time_s)
         if not np.array_equal(stretch, self._drawn):
             self._drawn = stretch
-            self._node.points = _segments(stretch)
+            self._node.points = segments(stretch)
 
     def _stretch(self, time_s: float) -> NDArray[np.float32]:
         """Return the points (k, 3), at least two."""
@@ -147,16 +147,16 @@ def filled(points_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return np.column_stack([np.interp(np.arange(len(points_m)), known, column[known]) for column in points_m.T])
 
 
-def _segments(points_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def segments(points_m: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the pieces (k - 1, 2, 3) of a line."""
     return np.stack([points_m[:-1], points_m[1:]], axis=1)
 
 
-def _add_line(scene: SceneApi, name: str, points_m: NDArray[np.float32], colour: Rgb, width_px: float):
+def add_line(scene: SceneApi, name: str, points_m: NDArray[np.float32], colour: Rgb, width_px: float):
     """Add a line to the scene; thin ones are greyer."""
     grey = GREYED if width_px == THIN_PX else 0.0
     rgb = np.rint((1 - grey) * np.array(colour) + grey * np.array(GREY)).astype(np.uint8)
-    return scene.add_line_segments(name, _segments(points_m), rgb, thickness=width_px, thickness_units="screen")
+    return scene.add_line_segments(name, segments(points_m), rgb, thickness=width_px, thickness_units="screen")
 
 
 STEP_M = 1e-3  # a label stays in place while its arm moves less than this
@@ -196,6 +196,20 @@ def captions(replay: Replay, film: Film, arm: str) -> list[str]:
     return texts
 
 
+def add_contact(scene: SceneApi, name: str, touch: Contact, radius_m: float) -> Any:
+    """Add a ball with a label to the scene."""
+    look = {"color": CONTACT, "opacity": 0.85, "cast_shadow": False}
+    ball = scene.add_icosphere(name, radius_m, position=touch.p_world_m, **look)
+    above = (0.0, 0.0, 1.5 * radius_m)
+    scene.add_label(f"{name}/label", said_of(touch), position=above, anchor="bottom-center")
+    return ball
+
+
+def said_of(touch: Contact) -> str:
+    """Return who touched, and how hard."""
+    return f"{' - '.join(touch.between)}, {touch.force_n:.1f} N"
+
+
 MIN_S = 0.5  # a shorter touch is shown for this long, to be visible at all
 
 
@@ -205,11 +219,8 @@ class Contacts:
     def __init__(self, scene: SceneApi, replay: Replay, film: Film, radius_m: float) -> None:
         self._times_s, self._touches = film.times_s, []
         for k, touch in enumerate(replay.contacts):
-            look = {"color": CONTACT, "opacity": 0.85, "cast_shadow": False, "visible": False}
-            ball = scene.add_icosphere(f"/contacts/{k}", radius_m, position=touch.p_world_m, **look)
-            said = f"{' - '.join(touch.between)}, {touch.force_n:.1f} N"
-            above = (0.0, 0.0, 1.5 * radius_m)
-            scene.add_label(f"/contacts/{k}/label", said, position=above, anchor="bottom-center")
+            ball = add_contact(scene, f"/contacts/{k}", touch, radius_m)
+            ball.visible = False
             self._touches.append((ball, touch.time_s, max(touch.end_s, touch.time_s + MIN_S)))
 
     def show(self, frame: int) -> None:
@@ -240,8 +251,12 @@ class Bodies:
 
     def show(self, frame: int) -> None:
         """Move all bodies to their poses at a frame."""
-        for node, position, wxyz in zip(self._nodes, self._position_m[:, frame], self._wxyz[:, frame], strict=True):
-            node.position, node.wxyz = position, wxyz
+        self.place(self._position_m[:, frame], self._wxyz[:, frame])
+
+    def place(self, position_m: NDArray[np.float32], wxyz: NDArray[np.float32]) -> None:
+        """Move all bodies, in the order of the film's, to these positions (m, 3) and orientations (m, 4)."""
+        for node, position, turned in zip(self._nodes, position_m, wxyz, strict=True):
+            node.position, node.wxyz = position, turned
 
     def _draw(self, body: str, parts: dict[Rgba, Mesh], T_world_body: SE3) -> Any:
         """Add a body to the scene and return its node."""
@@ -266,8 +281,8 @@ class Stage:
     def __init__(self, server: ViserServer, replay: Replay, film: Film) -> None:
         self.film = film
         view, scene = viewpoint(replay, film), server.scene
-        _look_from(server, view)
-        _light(scene, view)
+        look_from(server, view)
+        light(scene, view)
         self.bodies = Bodies(scene, replay, film)
         self._moments = (
             Paths(scene, replay, film),
@@ -286,7 +301,7 @@ class Stage:
             moment.show(frame)
 
 
-def _look_from(server: ViserServer, view: Viewpoint) -> None:
+def look_from(server: ViserServer, view: Viewpoint) -> None:
     """Set the initial view of the page."""
     camera = server.initial_camera
     camera.position, camera.look_at, camera.up = view.eye_m, view.centre_m, (0.0, 0.0, 1.0)
@@ -294,7 +309,7 @@ def _look_from(server: ViserServer, view: Viewpoint) -> None:
     camera.near = 0.02 * float(np.linalg.norm(view.eye_m - view.centre_m))
 
 
-def _light(scene: SceneApi, view: Viewpoint) -> None:
+def light(scene: SceneApi, view: Viewpoint) -> None:
     """Light a scene like a photo studio: one lamp that casts shadows, and a plain background.
 
     viser's own lamps are made for scenes of metres: their shadows begin centimetres behind the object that casts them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from trocar.view.film import last_until, shoot
 from trocar.view.panels import panels
 from trocar.view.replay import NOTICE
 from trocar.view.server import close_server, open_server
-from trocar.view.stage import Stage
+from trocar.view.stage import Stage, said_of
 
 SPEEDS = {"x 0.1": 0.1, "x 0.25": 0.25, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 4": 4.0, "x 8": 8.0}
 FRAMES_PER_S = 30.0
@@ -140,9 +141,12 @@ class TrialView:
 
 def jumps(replay: Replay) -> dict[str, float]:
     """Return the time in s of each event and contact, by its description, in order of time."""
-    found = [(c.time_s, f"contact: {' - '.join(c.between)}, {c.force_n:.1f} N") for c in replay.contacts]
-    for event in replay.events:
-        short = {k: v for k, v in event.items() if k not in ("name", "time_s") and isinstance(v, str | int)}
-        words = [str(event["name"]), *(f"{key} {value}" for key, value in short.items())]
-        found.append((float(event["time_s"]), ", ".join(words)))  # type: ignore[arg-type]
+    found = [(touch.time_s, f"contact: {said_of(touch)}") for touch in replay.contacts]
+    found += [(float(event["time_s"]), in_words(event)) for event in replay.events]  # type: ignore[arg-type]
     return {f"{at:.2f} s  {words}": at for at, words in sorted(found)}
+
+
+def in_words(event: Mapping[str, object]) -> str:
+    """Return an event without its time in one line."""
+    short = {k: v for k, v in event.items() if k not in ("name", "time_s") and isinstance(v, str | int)}
+    return ", ".join([str(event["name"]), *(f"{key} {value}" for key, value in short.items())])

@@ -19,6 +19,7 @@ MIN_EDGE = 0.08  # share of the same, between a parked arm's tip and the edge
 HANDLING_M = 0.04  # a tip this close to objects handles them
 OBJECT_M = 0.01  # half of an object whose middle is in the workspace
 ASPECT = 1.25  # aspect ratio of a window, or narrower
+LIVE_FILLED, LIVE_ASPECT = 0.78, 1.0
 MIN_RADIUS_M = 0.03
 STEP_RAD = math.radians(45.0)  # steps of the camera's azimuth: boards and tables are aligned with axes
 UPRIGHT = 0.5  # instruments that lean forwards or backwards by less than this tangent count as upright
@@ -45,16 +46,18 @@ class Viewpoint:
     front: NDArray[np.float64]
 
 
-def viewpoint(replay: Replay, film: Film) -> Viewpoint:
+def viewpoint(replay: Replay, film: Film, *, live: bool = False) -> Viewpoint:
     """Return the viewpoint.
 
     The workspace is where objects are, and tips near them. The camera looks across the line from arm to arm, or across
     a single arm: along it, one would hide the other, or its own tip. Of the two sides it takes the one that the
     instruments lean away from; if they lean to neither, the side of negative y. Its distance is such that the workspace
-    fills ``FILLED`` of the picture, and that arms parked elsewhere are in it too.
+    fills ``FILLED`` of the picture, and that arms parked elsewhere are in it too. If it is ``live``, and nobody knows
+    where the arms will go, the workspace is wherever anything is now, and the page's panel makes the window narrower.
     """
     tips = _tips(replay, film)
-    near = _handling(tips, _objects(replay, film))
+    near = _handling(tips, _objects(replay, film), math.inf if live else HANDLING_M)
+    aspect, filled = (LIVE_ASPECT, LIVE_FILLED) if live else (ASPECT, FILLED)
     low, high = near.min(0), near.max(0)
     centre = (low + high) / 2
     radius = max(MIN_RADIUS_M, float(np.linalg.norm(high - low)) / 2)
@@ -63,7 +66,8 @@ def viewpoint(replay: Replay, film: Film) -> Viewpoint:
     back = -(math.cos(ELEVATION_RAD) * front + math.sin(ELEVATION_RAD) * UP)
     everything = np.concatenate([near, tips])
     distance = max(
-        _distance(near - centre, right, back, FILLED), _distance(everything - centre, right, back, 1 - MIN_EDGE)
+        _distance(near - centre, right, back, filled, aspect),
+        _distance(everything - centre, right, back, 1 - MIN_EDGE, aspect),
     )
     eye = centre - distance * back
     return Viewpoint(eye, centre, radius, right, front)
@@ -93,12 +97,12 @@ def _from_middle(replay: Replay, film: Film, arm: str, centre_m: NDArray[np.floa
 
 
 def _distance(
-    points_m: NDArray[np.float64], right: NDArray[np.float64], back: NDArray[np.float64], filled: float
+    points_m: NDArray[np.float64], right: NDArray[np.float64], back: NDArray[np.float64], filled: float, aspect: float
 ) -> float:
     """Return the distance at which points (n, 3), relative to the middle, fill this share of the picture."""
     slope = filled * math.tan(FIELD_RAD / 2)
     sideways, upwards = np.abs(points_m @ right), np.abs(points_m @ np.cross(right, back))
-    needed = ((np.maximum(sideways / ASPECT, upwards) + OBJECT_M) / slope - points_m @ back).max()
+    needed = ((np.maximum(sideways / aspect, upwards) + OBJECT_M) / slope - points_m @ back).max()
     return max(float(needed), MIN_RADIUS_M / slope)
 
 
@@ -118,9 +122,9 @@ def _objects(replay: Replay, film: Film) -> NDArray[np.float64]:
     return film.position_m[mine].reshape(-1, 3)
 
 
-def _handling(tips_m: NDArray[np.float64], objects_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return objects (n, 3) and tips near them; all tips if there are no objects, the origin if there is neither."""
+def _handling(tips_m: NDArray[np.float64], objects_m: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
+    """Return objects (n, 3) and tips so near them; all tips if there are no objects, the origin if there is neither."""
     if not len(objects_m):
         return tips_m if len(tips_m) else np.zeros((1, 3))
-    low, high = objects_m.min(0) - HANDLING_M, objects_m.max(0) + HANDLING_M
+    low, high = objects_m.min(0) - near_m, objects_m.max(0) + near_m
     return np.concatenate([objects_m, tips_m[((low <= tips_m) & (tips_m <= high)).all(1)]])

@@ -1,0 +1,133 @@
+"""A live page draws the present moment, says how each arm fares, and goes on whatever its process does."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+pytest.importorskip("viser")
+from live_scene import REPLAY, MadeUpScene, messages, moment
+
+from trocar.errors import MachineError
+from trocar.replay import Contact
+from trocar.view.live import LiveView
+from trocar.view.live_page import LivePage
+
+LIMIT_S = 60.0
+
+
+@pytest.fixture
+def view():
+    view = LiveView(MadeUpScene(), "made up", moment(0), port=0)
+    yield view
+    view.close()
+
+
+def node(view, name):
+    return view.server.scene.get_handle_by_name(name)
+
+
+def test_bodies_tips_and_labels_are_where_they_are_at_the_moment(view):
+    for tick in (150, 320):
+        view.show(moment(tick))
+        for body in view._moving:
+            T = REPLAY().T_world_body[body][tick]
+            assert_allclose(node(view, f"/bodies/{body}").position, T.translation_m, atol=1e-6)
+            turned = np.abs(node(view, f"/bodies/{body}").wxyz @ T.rotation.as_quaternion())
+            assert_allclose(turned, 1.0, atol=1e-6)
+        for arm, path in REPLAY().tools.items():
+            dot = node(view, f"/paths/{arm} by its encoders, now")
+            assert_allclose(dot.position, path.p_world_planned_m[tick], atol=1e-6)
+            (true,) = (tip._lines[1] for tip in view._tips if tip.arm == arm)
+            assert_allclose(true.points[-1, 1], path.p_world_driven_m[tick], atol=1e-6)
+    assert "block0" in view._moving and "psm1_finger_left" in view._moving
+
+
+def test_how_an_arm_fares_is_told_with_its_tips_error_and_no_text_becomes_html(view):
+    view._due_s = 0.0
+    view.show(moment(200, "PAUSED"))
+    told = view._state.content
+    path = REPLAY().tools["psm1"]
+    off_mm = 1e3 * np.linalg.norm(path.p_world_planned_m[200] - path.p_world_driven_m[200])
+    assert "PAUSED" in told and "ENABLED" not in told and f"{off_mm:.1f} mm" in told
+    assert "&lt;nobody&gt;" in told and "<nobody>" not in told
+    assert node(view, "/arms/psm1").text == "psm1: PAUSED"
+
+
+def test_events_and_contacts_are_listed_newest_first_and_a_contacts_ball_goes(view):
+    touch = Contact(1.0, 1.1, ("psm1", "peg 3"), (0.0, 0.0, 0.02), 2.5)
+    view.show(moment(110, events=({"name": "refused", "time_s": 1.02, "arm": "psm1", "topic": "servo_jf"},)))
+    view._due_s = 0.0
+    view.show(moment(112, contacts=(touch,)))
+    listed = view._events.content
+    assert listed.index("contact: psm1 - peg 3, 2.5 N") < listed.index("refused, arm psm1, topic servo_jf")
+    assert node(view, "/contacts/1") is not None
+    view.show(moment(330))
+    assert node(view, "/contacts/1") is None
+
+
+def test_joints_are_those_of_the_last_seconds(view):
+    for tick in range(5, 600, 5):
+        view._due_s = 0.0
+        view.show(moment(tick))
+    joints = view._joints["psm1"]._joints
+    assert joints.times_s[-1] == 5.95 and 4.9 < joints.times_s[-1] - joints.times_s[0] < 5.01
+    assert_allclose(joints.values["true"][-1, 0], np.rad2deg(REPLAY().joints["psm1"]["true"][595, 0]))
+
+
+def test_an_image_is_shown_with_its_words(view):
+    for shade in (40, 200):
+        view.show_image("overhead", np.full((90, 1680, 3), shade, np.uint8), f"shade {shade}")
+    words, picture = view._cameras["overhead"]
+    assert words.content == "shade 200" and picture.image.shape == (45, 840, 3) and (picture.image == 200).all()
+
+
+def until(holds):
+    end_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < end_s:
+        if holds():
+            return
+        time.sleep(0.01)
+    raise AssertionError("it does not come to that")
+
+
+def shown(page, tick):
+    """Show a moment as soon as the page waits for one."""
+    until(lambda: page.waits)
+    page.show(moment(tick))
+
+
+@pytest.mark.realtime
+def test_a_program_that_opens_the_page_gets_what_is_shown():
+    wanted = REPLAY().T_world_body["psm1_link6"].translation_m[250]
+    with LivePage(MadeUpScene(), "made up", moment(0), port=0) as page:
+        shown(page, 250)
+        for message in messages(page.port):
+            is_link = message["type"] == "SetPositionMessage" and message["name"] == "/bodies/psm1_link6"
+            if is_link and np.allclose(message["position"], wanted, atol=1e-6):
+                return
+
+
+@pytest.mark.realtime
+def test_a_page_that_stands_still_or_has_gone_holds_nobody_up():
+    with LivePage(MadeUpScene(), "made up", moment(0), port=0) as page:
+        until(lambda: page.waits)
+        os.kill(page._process.pid, signal.SIGSTOP)
+        page.show(moment(10))
+        assert not page.waits
+        os.kill(page._process.pid, signal.SIGCONT)
+        until(lambda: page.waits)
+        os.kill(page._process.pid, signal.SIGKILL)
+        page._process.join(LIMIT_S)
+        assert not page.waits
+        page.show(moment(40))
+        assert not page.waits
+
+
+@pytest.mark.realtime
+def test_a_page_that_cannot_start_is_told():
+    with pytest.raises(MachineError, match="did not start"), LivePage(None, "made up", moment(0), port=0):  # type: ignore[arg-type]
+        pass
