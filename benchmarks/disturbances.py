@@ -29,6 +29,8 @@ VARIANT = "bilateral"
 BUDGET_S = 7.0
 """A script that nothing has stopped is stopped after this."""
 START_S, END_S = 60.0, 60.0
+JUST_S = 0.05
+"""So long before a planted fault begins, it is looked whether something else has stopped the arms."""
 LAST_S = 1.0
 """A fault need not be noticed if a script begins no other motion before its end; so long before, it does."""
 PIDFD_GETFD, SO_ATTACH_FILTER = 438, 26
@@ -257,8 +259,10 @@ def _end(scene: Scene) -> Done:
 def _wait(scene: Scene) -> Done:
     """Wait for the fault that was planted in the robot when it was started."""
     due_s = scene.robot.began_s + scene.robot.fault_s
-    until(lambda: scene.client.code is not None, max(0.0, due_s - time.monotonic()))
-    noticed = scene.client.code is None and due_s < scene.moved_s + BUDGET_S - LAST_S
+    until(lambda: scene.client.code is not None, max(0.0, due_s - JUST_S - time.monotonic()))
+    moving = scene.client.code is None and not scene.client.stopped()
+    until(lambda: scene.client.code is not None, JUST_S)
+    noticed = moving and due_s < scene.moved_s + BUDGET_S - LAST_S
     return Done(f"{scene.robot.plant} from {due_s - scene.moved_s:.1f} s on", math.inf if noticed else 0.0, False)
 
 

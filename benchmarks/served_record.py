@@ -81,7 +81,7 @@ class ServedRecord:
             changes = np.vstack([np.diff(velocity, axis=0) / SERVO_S, np.diff(q, 2, axis=0) / SERVO_S**2])
             shares = np.maximum(shares, [speeds.max(), (np.abs(changes) / limits.acceleration).max()])
             at_rest = at_rest and not velocity[-1].any()
-        return Use(*shares.tolist(), at_rest)
+        return Use(float(shares[0]), float(shares[1]), at_rest)
 
 
 if WHERE in os.environ:
