@@ -20,8 +20,8 @@ from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
 
 STEADY, AHEAD_S, SLOWEST = 0.02, 0.005, 0.1
-"""The ticks' own time follows the machine's by this share of what it is off. Ahead by more than ``AHEAD_S`` it waits, but
-goes on at least at ``SLOWEST``: stamps neither go back nor come from the future."""
+"""The ticks' own time follows the machine's by this share of what it is off. Ahead by more than ``AHEAD_S`` it
+waits, but goes on at least at ``SLOWEST``: stamps neither go back nor come from the future."""
 
 MAX_LATE_S = 0.1
 """A robot's clock does not hurry after a stop; its ticks catch up with less."""
