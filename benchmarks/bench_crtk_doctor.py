@@ -1,114 +1,148 @@
 """Each fault that can be planted in a served robot, heard by ``trocar crtk doctor`` over ROS 2: a line for each.
 
-A cell is served anew for each kind of fault, and once without any; its first arm is moved, the second one rests, and
-the doctor listens in a process of its own. Where this machine holds the doctor up, so that it does not judge what it
-should, it listens again. Printed: which check should find the fault, whether it did, and which others failed, of whom.
-It takes some ten minutes.
+The robot, the client that moves its first arm and the doctor are processes of their own. One robot has one fault after
+the other, but those that are there from the start, for which another one is served. Where this machine holds the doctor
+up, so that it does not judge what it should, it listens again. Printed: which check should find the fault, whether it
+did, and which others failed, of whom. It takes five minutes, on a machine that is not busy.
 
     PYTHONPATH=src python benchmarks/bench_crtk_doctor.py [KIND ...]
 """
 
-import json
 import math
 import os
-import subprocess
 import sys
-import threading
 import time
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from multiprocessing import get_context
 from typing import Any
 
+from trocar.cli.crtk import doctor
+from trocar.crtk import faults
 from trocar.crtk.bus import open_bus, stamped
-from trocar.crtk.fault_kinds import KINDS
+from trocar.crtk.fault_kinds import KINDS, Kind
 from trocar.crtk.messages import Image, JointState
+from trocar.crtk.served_cell import ServedCell
 from trocar.lab import load_station
+from trocar.lab.laboratory import build_cell
 from trocar.lab.topics import Topics
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from crtk_partners import ROOT, process
-
-STATION = "peg-transfer"
-MOVED, RESTS = "psm1", "psm2"
-PARK = load_station(STATION).arms[MOVED].park_q()
+STATION, MOVED, RESTS = "peg-transfer", "psm1", "psm2"
 SWING = (0.2, 0.1, 0.01, 0.3, 0.2, 0.2)
 HEALTHY = "none"
-TRIES = 6
 TIMES = ("gaps", "clock", "latency", "jitter")
-START_S = 240.0
+TRIES, START_S = 6, 240.0
+TOPICS = Topics(domain=int(os.environ.get("ROS_DOMAIN_ID", "43")))
+FORK = get_context("fork")  # what is loaded already need not be loaded again by each of many processes
+NOW = FORK.Value("i", -1)
+"""Which fault the robot has now: an index into ``KINDS``."""
 
 
-class Mover:
-    """Streams set-points to the first arm until it is closed."""
-
-    def __init__(self, topics: Topics):
-        bus, arm = open_bus(topics), topics.of_arm(MOVED)
-        self.publisher = bus.publisher(f"{arm}/servo_jp", JointState)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self) -> None:
-        t = 0.0
-        while not self._ended.wait(0.01):
-            if self.publisher.readers():  # nobody hears the others
-                t += 0.01
-                q = [at + swing * math.sin(t) for at, swing in zip(PARK, SWING, strict=True)]
-                self.publisher.send(JointState(stamped(), [], q))
-
-    def close(self) -> None:
-        """Stream no more."""
-        self._ended.set()
-        self._thread.join()
+def arm_of(kind: str) -> str:
+    """Return the arm that has a fault: one that moves may well be busy."""
+    return RESTS if kind == "busy" else MOVED
 
 
-def examine(kind: str, arm: str, domain: int) -> tuple[list[dict[str, Any]], int, bool]:
-    """Return the doctor's checks of a robot with this fault, how often it listened, and whether it judged."""
-    words = [sys.executable, "-m", "trocar", "crtk"]
-    fault = [] if kind == HEALTHY else ["--fault", f"{arm}:{kind}"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "ROS_DOMAIN_ID": str(domain)}
-    serve, mover = [*words, "serve", STATION, "--seed", "3", *fault], Mover(Topics(domain=domain))
-    bus = open_bus(Topics(domain=domain))
+def gated(kind: Kind, index: int) -> Kind:
+    """Return a fault that is there only while it is its turn."""
+
+    def change(place: Any) -> Any:
+        assert kind.change is not None
+        inner = kind.change(place)
+        return lambda message: inner(message) if NOW.value == index else message
+
+    def delay_s(value: Any, rng: Any) -> float:
+        assert kind.delay_s is not None
+        return kind.delay_s(value, rng) if NOW.value == index else 0.0
+
+    return replace(kind, change=kind.change and change, delay_s=kind.delay_s and delay_s)
+
+
+def serve(kinds: Sequence[str]) -> None:
+    """Serve a cell that can have these faults, until SIGTERM."""
+    faults.KINDS = {
+        name: kind if kind.from_the_start else gated(kind, k) for k, (name, kind) in enumerate(KINDS.items())
+    }
+    planted = [faults.Fault(arm_of(name), name, KINDS[name].value) for name in kinds]
+    with ServedCell(build_cell(load_station(STATION), seed=3), TOPICS, faults=planted) as served:
+        served.run(math.inf)
+
+
+def move() -> None:
+    """Stream set-points to the first arm for ever."""
+    out = open_bus(TOPICS).publisher(f"{TOPICS.of_arm(MOVED)}/servo_jp", JointState)
+    park, t = load_station(STATION).arms[MOVED].park_q(), 0.0
+    while True:
+        t += 0.01 if out.readers() else 0.0
+        q = [at + swing * math.sin(t) for at, swing in zip(park, SWING, strict=True)]
+        out.send(JointState(stamped(), [], q))
+        time.sleep(0.01)
+
+
+def await_start() -> None:
+    """Return when the robot's last topics have come."""
+    bus, deadline_s = open_bus(TOPICS), time.monotonic() + START_S
     starts = [bus.subscriber("/overhead/color/image_raw", Image), bus.subscriber("/PSM2/jaw/measured_js", JointState)]
-    with process(serve, environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as served:
-        try:
-            deadline_s = time.monotonic() + START_S
-            while not all([one.take() or one.last for one in starts]) or not mover.publisher.readers():
-                assert served.poll() is None and time.monotonic() < deadline_s, "the cell is not served"
-                time.sleep(0.05)
-            tried, judged = 0, False
-            while not judged and tried < TRIES:
-                doctor = subprocess.run(
-                    [*words, "doctor", STATION, "--json"], env=environment, capture_output=True, text=True, check=False
-                )
-                checks, tried = json.loads(doctor.stdout)["checks"], tried + 1
-                verdicts = {(check["of"], check["name"]): check["verdict"] for check in checks}
-                wanted = TIMES if kind == HEALTHY else (KINDS[kind].found_by,)
-                judged = all(verdicts[arm, name] != "not applicable" for name in wanted)
-        finally:
-            mover.close()
-    return checks, tried, judged
+    while not all([one.take() or one.last for one in starts]):
+        assert time.monotonic() < deadline_s, "the cell is not served"
+        time.sleep(0.05)
+
+
+def examine() -> dict[tuple[str, str], str]:
+    """Return the doctor's verdicts, by who is meant and check."""
+    checks = doctor(STATION, domain=TOPICS.domain).summary["checks"]
+    return {(check["of"], check["name"]): check["verdict"] for check in checks}
+
+
+@contextmanager
+def running(target: Any, *args: Any) -> Iterator[None]:
+    """Run a process meanwhile."""
+    process = FORK.Process(target=target, args=args)
+    process.start()
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.join(20.0)
+        process.kill()
+
+
+def try_kind(kind: str) -> tuple[bool, int]:
+    """Print what the doctor says to a robot with this fault; return whether that is right, and others' failures."""
+    arm, began_s, tried, judged = arm_of(kind), time.monotonic(), 0, False
+    wanted = KINDS[kind].found_by if kind != HEALTHY else ""
+    verdicts: dict[tuple[str, str], str] = {}
+    while not judged and tried < TRIES:
+        with FORK.Pool(1) as pool:
+            verdicts, tried = pool.apply(examine), tried + 1
+        judged = all(verdicts[arm, name] != "not applicable" for name in ([wanted] if wanted else TIMES))
+    failed = [one for one, verdict in verdicts.items() if verdict == "fail"]
+    well = (arm, wanted) in failed if wanted else not failed
+    missed = "NOT FOUND" if judged else "not judged on this busy machine"
+    said = f"{arm} {wanted}: {'found' if well else missed}" if wanted else "nothing" if well else "NOT WELL"
+    others = ", ".join(f"{of} {name}" for of, name in failed if (of, name) != (arm, wanted))
+    spent = f"{time.monotonic() - began_s:.0f} s{f', {tried} times' if tried > 1 else ''}"
+    print(f"{kind:12s} {said}{f'; also {others}' if others else ''}  ({spent})", flush=True)
+    return well, sum(of != arm for of, _ in failed if kind != "swapped")
 
 
 def main() -> None:
     """Try all kinds, or those that are named."""
-    domain = int(os.environ.get("ROS_DOMAIN_ID", "43"))
-    kinds, found, false = sys.argv[1:] or [HEALTHY, *KINDS], 0, 0
-    for kind in kinds:
-        began_s = time.monotonic()
-        arm, wanted = RESTS if kind == "busy" else MOVED, KINDS[kind].found_by if kind != HEALTHY else ""
-        checks, tried, judged = examine(kind, arm, domain)
-        failed = [(check["of"], check["name"]) for check in checks if check["verdict"] == "fail"]
-        well = (arm, wanted) in failed if wanted else not failed
-        found += well
-        elsewhere = [one for one in failed if one[0] != arm and kind != "swapped"]
-        false += len(elsewhere)
-        others = ", ".join(f"{of} {name}" for of, name in failed if (of, name) != (arm, wanted))
-        missed = "NOT FOUND" if judged else "not judged on this busy machine"
-        said = f"{arm} {wanted}: {'found' if well else missed}" if wanted else "nothing" if well else "NOT WELL"
-        more = f"; also {others}" if others else ""
-        spent = f"{time.monotonic() - began_s:.0f} s{f', {tried} times' if tried > 1 else ''}"
-        print(f"{kind:12s} {said}{more}  ({spent})", flush=True)
-    print(f"{found} of {len(kinds)} as they should be; {false} checks failed of what has no fault")
+    kinds = sys.argv[1:] or [HEALTHY, *KINDS]
+    lasting = [kind for kind in kinds if kind != HEALTHY and KINDS[kind].from_the_start]
+    others = [kind for kind in kinds if kind not in lasting]
+    found = []
+    with running(move):
+        for group in (others, *([kind] for kind in lasting)):
+            with running(serve, [kind for kind in group if kind != HEALTHY]):
+                with FORK.Pool(1) as pool:
+                    pool.apply(await_start)
+                for kind in group:
+                    NOW.value = -1 if kind == HEALTHY else list(KINDS).index(kind)
+                    found.append(try_kind(kind))
+    well, wrong = sum(well for well, _ in found), sum(count for _, count in found)
+    print(f"{well} of {len(kinds)} as they should be; {wrong} checks failed of what has no fault")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from trocar.lab.topics import Topics
 SECONDS, STALL_AT_S = 2.0, 1.0
 
 
-@pytest.mark.parametrize(("stall_s", "hurries"), [(0.08, True), (0.3, False)])
+@pytest.mark.parametrize(("stall_s", "hurries"), [(0.08, True), (0.12, True), (0.3, False)])
 def test_stamps_go_on_and_are_never_ahead_after_a_stall_that_ticks_catch_up_with_or_do_not(
     stall_s, hurries, monkeypatch
 ):

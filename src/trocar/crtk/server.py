@@ -19,8 +19,9 @@ from trocar.lab.topics import Topics
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
 
-STEADY, SLOWEST = 0.02, 0.1
-"""The ticks' own time follows the machine's by this share of what it is off; and goes on at least this fast."""
+STEADY, AHEAD_S, SLOWEST = 0.02, 0.005, 0.1
+"""The ticks' own time follows the machine's by this share of what it is off. Ahead by more than ``AHEAD_S`` it
+waits, but goes on at least at ``SLOWEST``: stamps neither go back nor come from the future."""
 
 MAX_LATE_S = 0.1
 """A robot's clock does not hurry after a stop; its ticks catch up with less."""
@@ -79,7 +80,8 @@ class CrtkServer:
             while True:
                 self._now_s += TICK_S / self._speed
                 off_s = time.time() - self._now_s
-                slip_s = off_s if abs(off_s) > MAX_LATE_S else STEADY * off_s  # ticks catch up with less by themselves
+                caught_up = -AHEAD_S <= off_s <= MAX_LATE_S  # or will be: ticks hurry after a short stop
+                slip_s = STEADY * off_s if caught_up else off_s
                 self._now_s += max(slip_s, (SLOWEST - 1) * TICK_S / self._speed)
                 for arm in self.arms.values():
                     arm.hear(nursery, self._now_s)
