@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,7 @@ def station(tmp_path):
 
 
 def test_a_collection_over_the_network_is_stopped_goes_on_and_finds_the_true_joints(station, tmp_path):
-    """As the embedded one of this session does; its memory of the cables survives the interruption."""
+    """The joints are those of the embedded collection of this session, but for how far cables wander meanwhile."""
     words = ("calibrate", "collect", "--robot", f"crtk:{station}", "--arm", "psm1", "--rows", ROWS, "--wide")
     words = (*words, "--seed", SEED, "--no-fit", "--out", tmp_path / "cal", "--enable-motion", "--yes", "--json")
     spheres = tmp_path / "cal" / "spheres_psm1.npz"
@@ -79,6 +80,7 @@ def rows_seen(process, path: Path):
     while process.poll() is None:
         if path.is_file() and len(centers(path)) >= STOPPED_AT:
             return
+        time.sleep(0.2)
     raise AssertionError(process.communicate()[1])
 
 
