@@ -90,7 +90,7 @@ class Graph:
             )
             for publishes, reader in ((True, self._publications), (False, self._subscriptions))
             for one in _valid(reader)
-            if one.topic_name.startswith("rt/")
+            if (one.topic_name or "").startswith("rt/")  # one that has just ended has no name
         ]
 
     def client(self, sender: Hashable) -> Client:
