@@ -60,8 +60,6 @@ OVER_FLOOR_M = 0.7e-3
 """Points lower than this over the floor are not on a needle."""
 ON_FLOOR_M = 1.0e-3
 """Points this close to the floor show its colour."""
-FLOOR_PIXELS = 500
-"""Fewer pixels of the floor do not tell its height."""
 APART_M = 1.0e-3
 """Points this close to another known object may be on that object."""
 IN_FRONT_M = 1.5e-3
@@ -139,18 +137,14 @@ def sight_needle(
 def floor_height_m(
     images: Sequence[RgbdImage], T_camera_needle: SE3, needle: Needle, T_camera_floor: SE3
 ) -> float | None:
-    """Return how far above its supposed plane, z up, the floor about a needle is seen; None if it is not.
-
-    The median of thousands of pixels tells that to .01 mm, where a camera's registration errs by a tenth.
-    """
-    T_floor, half = T_camera_floor.inverse(), needle.radius_m + MARGIN_M
-    found = [np.zeros(0)]
+    """Return how far above its supposed plane, z up, the floor about a needle is seen, to .01 mm; None if it is not."""
+    T_floor, half, found = T_camera_floor.inverse(), needle.radius_m + MARGIN_M, [np.zeros(0)]
     for image in images:
         if (patch := patch_around(image, T_camera_needle, [-half] * 3, [half] * 3)) is not None:
             z = T_floor.apply(patch.points_m.reshape(-1, 3))[:, 2]
             found.append(z[colors(patch, T_floor)[0] & (np.abs(z) < ON_FLOOR_M)])
     heights = np.concatenate(found)
-    return float(np.median(heights)) if len(heights) >= FLOOR_PIXELS else None
+    return float(np.median(heights)) if len(heights) > FEWEST else None
 
 
 @dataclass(frozen=True, eq=False)

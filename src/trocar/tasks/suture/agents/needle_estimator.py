@@ -16,9 +16,9 @@ LASTING, FADING, GRIP = slice(0, 6), slice(6, 12), slice(12, 18)
 """Parts of the state: the tip's lasting error, the joints' fading errors, and how the needle lies in the jaws."""
 LASTING_SD = np.repeat([0.25e-3, 0.010], 3)
 """SDs of the tip's lasting error, m and rad: what registration and fitted cables leave at difficulty `recorded`."""
-FADING_SD = np.array([1.6e-3, 1.6e-3, 0.27e-3, 0.0075, 0.0225, 0.015])
-"""SDs of the joints' fading errors, rad and m, likewise. Most of them is wrist pitch and yaw: these shift the tip as they
-turn it, so that a needle whose attitude is hardly seen is known by its place."""
+FADING_SD = np.array([1.6e-3, 1.6e-3, 0.27e-3, 0.009, 0.027, 0.018])
+"""SDs of the joints' fading errors, rad and m, likewise. Most comes from pitch and yaw of the wrist: they shift the tip
+as they turn it, so that a needle whose attitude is hardly seen is known by its place."""
 FADES_M = 6e-3
 """Distance travelled by the jaws over which the fading error falls to 1/e."""
 LOADED = np.diag(np.array([0.6e-3, 0.6e-3, 0.6e-3, 0.08, 0.09, 0.08]) ** 2)
@@ -97,7 +97,7 @@ class NeedleEstimator:
         self._covariance = np.diag(np.concatenate([LASTING_SD, FADING_SD, np.zeros(6)]) ** 2)
 
     def tip_error(self, T_base_tip: SE3) -> NDArray[np.float64]:
-        """Return the expected error (6,) of the tip asked to be here: shift, m, and rotation, rad, in the base's axes."""
+        """Return the expected error (6,) of a tip that is asked to be here: shift and rotation in the base's axes."""
         return np.asarray(self._mean[LASTING] + self._by_joints(T_base_tip) @ self._mean[FADING])
 
     def loaded(self, T_tip_needle: SE3) -> None:

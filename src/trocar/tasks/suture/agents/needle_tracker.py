@@ -41,7 +41,6 @@ BEFORE_EXIT_RAD, WELL_BEFORE_EXIT_RAD = np.radians(8.0), np.radians(16.0)
 have closed elsewhere, cable errors may bring the tip out early."""
 HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
 """Greatest number of looks above the tissue, just before the needle goes in, and just before it comes out."""
-
 FINDING_LOOKS = 3
 """Greatest number of looks for a needle that something else than the driving jaws holds."""
 
@@ -201,10 +200,8 @@ class NeedleTracker:
 
     def took(self, setup: SutureSetup) -> None:
         """Note that the jaws have closed, in the grasp of this setup, on the needle that something else held."""
-        self._setup, self._grips = setup, 0
-        if self._in_tissue is not None:
-            self.estimator.regrasped(self._in_tissue, self._T_base_tip, self._T_tip_needle_planned)
-        self._in_tissue = None
+        self._setup, self._grips = setup, -1
+        self.gripped()
 
     @property
     def needle(self) -> NeedleEstimate:
@@ -224,9 +221,9 @@ class NeedleTracker:
         planned = T_base_tip @ self._T_tip_needle_planned
         self._tip_error, self._T_tip_needle = self.estimator.tip_error(T_base_tip[-1]), self.estimator.T_tip_needle
         wanted = planned @ self._T_tip_needle.inverse()
-        q = ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q)
-        left = np.linspace(1.0, 0.0, len(q))[:, None]
-        return replace(segment, q=q + left * (self._hand.q - q[0]))
+        return self._from_here(
+            replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
+        )
 
     def forget(self) -> None:
         """Discard everything seen so far."""
@@ -259,8 +256,10 @@ class NeedleTracker:
         if stretch.looks <= 1:
             self.aim(stretch)
         segment = self.corrected(stretch.segment)
-        if segment.name == "lower" or len(segment.q) < 2:
-            return segment
+        return segment if segment.name == "lower" or len(segment.q) < 2 else self._from_here(segment)
+
+    def _from_here(self, segment: Segment) -> Segment:
+        """Return a segment that begins where the arm is, and joins the given one up to its end."""
         left = np.linspace(1.0, 0.0, len(segment.q))[:, None]
         return replace(segment, q=segment.q + left * (self._hand.q - segment.q[0]))
 
@@ -376,10 +375,7 @@ class NeedleTracker:
         )
 
     def _level(self, images: Sequence[RgbdImage], expected: NeedleEstimate) -> None:
-        """Correct the camera's place along the floor's normal, so that the floor is seen where it is.
-
-        An error of that height shifts the entry, along the needle's way, by 1.7 times as much.
-        """
+        """Correct the camera's height by the floor that it shows: an error of it moves the entry 1.7 times as much."""
         T_camera_base = self._T_base_camera.inverse()
         places = T_camera_base @ expected.T_base_needle, self._setup.needle, T_camera_base @ self.T_base_floor
         if (height_m := floor_height_m(images, *places)) is not None:
