@@ -43,12 +43,12 @@ def two_arm_waypoints(sutures: Sequence[Suture], plan: TwoArmPlan, home_q: np.nd
         if number:
             handover = plan.handovers[number - 1][0]
             other.go(handover.part.q[0])
-            first.now_s = other.now_s
+            first.wait(other.now_s)
             _take(first, handover.take)
-            other.now_s = first.now_s
+            other.wait(first.now_s)
             _travel(other, JAW_OPEN_RAD, handover.part)
             other.go(second.home_q)
-            first.now_s = other.now_s
+            first.wait(other.now_s)
         else:
             take, lift = plan.stand
             _take(first, take)
@@ -61,13 +61,13 @@ def two_arm_waypoints(sutures: Sequence[Suture], plan: TwoArmPlan, home_q: np.nd
         reach, pull, leave = grip_segments(one)
         again, further, _ = grip_segments(last)
         draw, lift = out_segments(last)
-        other.now_s = first.now_s
+        other.wait(first.now_s)
         _take(other, reach)
-        first.now_s = other.now_s
+        first.wait(other.now_s)
         first.follow(withdraw)
         first.follow(rise)
         first.go(home_q)
-        other.now_s = first.now_s
+        other.wait(first.now_s)
         other.move(pull.name, pull.q, pull.length_m / PULLING_M_S)
         _travel(other, JAW_OPEN_RAD, leave)
         _take(other, again)

@@ -136,6 +136,12 @@ class Timeline:
         self._add(name, seconds * share[new], q[new], self._jaw)
         self.now_s += seconds
 
+    def wait(self, until_s: float) -> None:
+        """Rest where the arm is until this time."""
+        if until_s > self.now_s:
+            self.now_s = until_s
+            self._add("wait", np.zeros(1), self._paths[-1][-1:], self._jaw)
+
     def _add(self, name: str, after_s: NDArray[np.float64], q: NDArray[np.float64], jaw_rad: float) -> None:
         self._names += [name] * len(q)
         self._times.append(self.now_s + after_s)
