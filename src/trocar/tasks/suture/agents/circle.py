@@ -22,7 +22,6 @@ from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.segments import (
     DRIVING_M_S,
     JAW_CLOSED_RAD,
-    PULLING_M_S,
     TRAVEL_M_S,
     TRAVELS,
     Segment,
@@ -90,7 +89,7 @@ class Settings:
     entry_speed_m_s: float = 0.004
     exit_speed_m_s: float = 0.002
     travel_speed_m_s: float = TRAVEL_M_S
-    pulling_speed_m_s: float = PULLING_M_S
+    pulling_speed_m_s: float = 0.010
     jaw_open_rad: float = JAW_OPEN_RAD
     jaw_closed_rad: float = JAW_CLOSED_RAD
     jaw_empty_rad: float = 0.04

@@ -33,9 +33,9 @@ LIFT_M, APPROACH_M, WITHDRAW_M = 0.025, 0.006, 0.010
 """Height from which the arm is lowered and to which it rises; length of the approach along the needle's first
 direction; how far open jaws back off along their own axis."""
 UP = np.array([0.0, 0.0, 1.0])
-DRIVING_M_S, PULLING_M_S, TRAVEL_M_S = 0.004, 0.010, 0.020
+DRIVING_M_S, TRAVEL_M_S = 0.004, 0.020
 """Mean speeds of the jaws along the primitive, slow enough for the cables to take up their play before the needle's
-next movement; of a second arm's that pull the needle through; and on the ways in and out."""
+next movement, and on the ways in and out."""
 TRAVELS = ("lower", "withdraw", "rise")
 """Segments away from tissue and needle, done at travel speed."""
 JAW_CLOSED_RAD = -0.17

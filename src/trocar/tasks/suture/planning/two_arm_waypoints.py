@@ -9,7 +9,7 @@ import numpy as np
 from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.pull import grip_segments, out_segments
-from trocar.tasks.suture.planning.segments import (
+from trocar.tasks.suture.planning.segments import JAW_CLOSED_RAD, Segment, suture_segments
     JAW_CLOSED_RAD,
     PULLING_M_S,
     TRAVEL_M_S,
@@ -19,6 +19,8 @@ from trocar.tasks.suture.planning.segments import (
 from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan
 from trocar.tasks.suture.planning.waypoints import COLUMNS, Timeline, Waypoints, rows
 
+PULLING_M_S, TRAVEL_M_S = 0.010, 0.020
+"""Mean speeds of the jaws that pull the needle through, and of those that come, go or carry it."""
 TWO_ARM_COLUMNS = ("arm", *COLUMNS)
 """Columns of the table of stitches by two arms."""
 Pair = tuple[Waypoints, Waypoints]
