@@ -10,12 +10,6 @@ from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.pull import grip_segments, out_segments
 from trocar.tasks.suture.planning.segments import JAW_CLOSED_RAD, Segment, suture_segments
-    JAW_CLOSED_RAD,
-    PULLING_M_S,
-    TRAVEL_M_S,
-    Segment,
-    suture_segments,
-)
 from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan
 from trocar.tasks.suture.planning.waypoints import COLUMNS, Timeline, Waypoints, rows
 
