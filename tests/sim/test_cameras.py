@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+import trio
 
 from simulated import STATION, ideal_session
 from trocar.errors import TrocarError
@@ -111,3 +112,18 @@ def test_a_laboratorys_generator_draws_its_cameras_noise():
         lab.run(script, 5.0)
         noise.append(lab.cameras["overhead"].taken[0].color.tobytes())
     assert noise[0] == noise[1] != noise[2]
+
+
+def test_a_projector_lights_one_exposure_at_a_time():
+    small = replace(CAMERA, model=CAMERA.model.binned(8))
+    lab = SimLaboratory(ideal_session(replace(STATION, cameras={"overhead": small})))
+
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            for _ in range(3):
+                nursery.start_soon(cell.cameras["overhead"].capture)
+
+    lab.run(script, 5.0)
+    taken_s = [image.time_s for image in lab.cameras["overhead"].taken]
+    exposure_s = lab.cameras["overhead"].exposure_s
+    assert np.diff([0.0, *taken_s]) == pytest.approx(exposure_s, abs=0.011)

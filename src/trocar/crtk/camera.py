@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 
 import trio
 
-from trocar.crtk.bus import Subscriber, open_bus
+from trocar.crtk.bus import open_bus
 from trocar.crtk.images import color_of, cut_out, depth_of
-from trocar.crtk.messages import CameraInfo, Empty, Header, Image
+from trocar.crtk.messages import CameraInfo, Empty, Image
 from trocar.errors import InvalidInput, TrocarError
 from trocar.lab.topics import Topics
 from trocar.perception.image import CameraModel, Intrinsics, RgbdImage, StereoImage, StereoRig, StereoWindow, Window
@@ -46,14 +46,6 @@ class NoImage(TrocarError):
         super().__init__(f"camera {camera!r} {fault.value} ({detail}); {remedy}")
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """The two topics whose messages of one stamp make an image."""
-
-    first: Subscriber[Image]
-    second: Subscriber[Image]
-
-
 class CrtkCamera:
     """One camera: asks for an image on its topic ``trigger``, and waits for both of its parts.
 
@@ -76,10 +68,8 @@ class CrtkCamera:
         self.model, self.taken = model, list[Taken]()
         bus, pair = open_bus(topics), isinstance(model, StereoRig)
         first, second = ("left", "right") if pair else ("color", "depth")
-        self._parts = _Parts(
-            bus.subscriber(f"{self._topic}/{first}/image_raw", Image, kept=KEPT),
-            bus.subscriber(f"{self._topic}/{second}/image_raw", Image, kept=KEPT),
-        )
+        self._parts = [bus.subscriber(f"{self._topic}/{part}/image_raw", Image, kept=KEPT) for part in (first, second)]
+        self._came = tuple(deque[Image](maxlen=KEPT) for _ in self._parts)
         self._trigger = bus.publisher(f"{self._topic}/trigger", Empty)
         lens = model.left if isinstance(model, StereoRig) else model
         info = bus.subscriber(f"{self._topic}/{first}/camera_info", CameraInfo, latched=True)
@@ -108,8 +98,6 @@ class CrtkCamera:
             InvalidInput: the window leaves the image, or is of another kind of camera.
         """
         _require_window(self.model, window)
-        for part in (self._parts.first, self._parts.second):
-            part.take()
         asked_s = time.time()
         self._trigger.send(Empty())
         first, second = await self._answer(asked_s)
@@ -122,35 +110,32 @@ class CrtkCamera:
     async def _answer(self, asked_s: float) -> tuple[Image, Image]:
         """Return both parts of the first image that was exposed after a time of this machine's clock."""
         deadline_s = time.monotonic() + ANSWER_S
-        came: tuple[dict[tuple[int, int], Image], dict[tuple[int, int], Image]] = ({}, {})
-        newest_s = 0.0
         while time.monotonic() < deadline_s:
-            for found, part in zip(came, (self._parts.first, self._parts.second), strict=True):
-                for message in part.take():
-                    newest_s = max(newest_s, _time_s(message.header))
-                    if _time_s(message.header) >= asked_s:
-                        found[message.header.stamp.sec, message.header.stamp.nanosec] = message
-            both = [stamp for stamp in came[0] if stamp in came[1]]
-            if both:
-                return came[0][both[0]], came[1][both[0]]
+            for came, part in zip(self._came, self._parts, strict=True):
+                came.extend(part.take())
+            first, second = ({_time_s(message): message for message in came} for came in self._came)
+            answers = [stamp_s for stamp_s in first if stamp_s >= asked_s and stamp_s in second]
+            if answers:
+                return first[min(answers)], second[min(answers)]
             await trio.sleep(POLL_S)
         where = f"{self._topic}, in {ANSWER_S:g} s"
-        if newest_s == 0.0:
+        stamps_s = [_time_s(message) for came in self._came for message in came]
+        if not stamps_s:
             remedy = "check that it runs, and that it exposes an image on its topic 'trigger', or runs freely"
             raise NoImage(self._name, ImageFault.SILENT, where, remedy)
-        if not any(came):
+        if max(stamps_s) < asked_s:
             raise NoImage(self._name, ImageFault.OLD, where, "let both machines' clocks agree (NTP)")
         raise NoImage(self._name, ImageFault.HALF, where, "both topics of an image need the same stamp")
 
     def _image(self, first: Image, second: Image) -> Taken:
-        time_s, item = self.now_s(), f"the image of camera {self._name!r}"
+        time_s, item = self.now_s() - (time.time() - _time_s(first)), f"the image of camera {self._name!r}"
         if isinstance(self.model, StereoRig):
             return StereoImage(color_of(first, item), color_of(second, item), self.model, time_s)
         return RgbdImage(color_of(first, item), depth_of(second, item), self.model, time_s)
 
 
-def _time_s(header: Header) -> float:
-    return header.stamp.sec + 1e-9 * header.stamp.nanosec
+def _time_s(message: Image) -> float:
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
 def _require_window(model: CameraModel, window: Window | StereoWindow | None) -> None:

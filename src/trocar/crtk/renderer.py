@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 from collections import deque
@@ -16,14 +17,17 @@ from trocar.crtk.bus import Bus, Publisher, open_bus
 from trocar.crtk.images import color_message, depth_message, info_message
 from trocar.crtk.messages import CameraInfo, Header, Image
 from trocar.eval.staged import Files, image_files
+from trocar.hardware.priority import ahead_of_others
 from trocar.lab.topics import Topics
 from trocar.perception.image import Image as Taken
 from trocar.perception.image import StereoImage, StereoRig
 from trocar.sim.cameras import CameraRenderer
 from trocar.sim.copy import WorldCopy
 
+PRIORITY = 1
+"""Behind the arms, before everything ordinary: a real camera does not wait for the computer of its user."""
 NICE = 5
-"""Added to the process's niceness: where cores are few, the arms come first."""
+"""Where that is not permitted, this is added to the process's niceness, because the arms come first."""
 QUIET_S = 0.3
 """When nothing has been asked for so long, kept images are packed."""
 
@@ -64,7 +68,6 @@ def render_for_ever(studio: Studio, asked: Connection) -> None:
     """Publish an image for each exposure, and answer it with True; answer None with the files of all kept images."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # whoever is served may still want an image; it ends with its parent
-    os.nice(NICE)
     lens = next(iter(studio.renderers.values())).lenses[0]
     copy, free = WorldCopy(lens.model), np.random.default_rng(0)
     for renderer in studio.renderers.values():
@@ -76,7 +79,9 @@ def render_for_ever(studio: Studio, asked: Connection) -> None:
     }
     kept = Kept(tuple(cameras))
     asked.send(True)
-    try:
+    with ahead_of_others(PRIORITY) as permitted, contextlib.suppress(EOFError, OSError):
+        if not permitted:
+            os.nice(NICE)
         while True:
             while kept.waiting and not asked.poll(QUIET_S):
                 kept.pack()
@@ -91,8 +96,6 @@ def render_for_ever(studio: Studio, asked: Connection) -> None:
                 if order.kept:
                     kept.add(order.camera, image)
             asked.send(True)
-    except (EOFError, OSError):
-        return
 
 
 class CameraTopics:

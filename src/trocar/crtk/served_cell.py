@@ -17,6 +17,7 @@ from trocar.crtk.served_camera import ServedCameras
 from trocar.crtk.server import MAX_LATE_S, CrtkServer
 from trocar.errors import TrocarError
 from trocar.eval.staged import FAULT, End, Files
+from trocar.hardware.priority import ahead_of_others
 from trocar.lab.topics import Topics
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.pace import RealTime, Script
@@ -99,7 +100,7 @@ class ServedCell:
 
         began_s, worked_s = time.perf_counter(), time.process_time()
         try:
-            with _ended_by_signals():
+            with _ended_by_signals(), ahead_of_others():
                 self._laboratory.run(serve, seconds, self._pace)
         except KeyboardInterrupt:
             pass

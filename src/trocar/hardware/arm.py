@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.errors import ArmStopped, InvalidInput, InvalidValue
+from trocar.hardware.priority import PRIORITY
 from trocar.robots.driver import TICK_S
 
 
@@ -85,7 +86,7 @@ class LoopSettings:
     following_rad: float = 0.05
     following_m: float = 0.005
     watchdog_s: float = 1.0
-    priority: int = 10
+    priority: int = PRIORITY
 
     def __post_init__(self) -> None:
         if not 0.001 <= self.tick_s <= 0.1:

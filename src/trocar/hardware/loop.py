@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import os
 import queue
 import signal
 import threading
@@ -33,6 +32,7 @@ from trocar.hardware.arm import (
     LoopSettings,
 )
 from trocar.hardware.messages import ArmReport, Clear, Close, EmergencyStop, Jaw, Report, Start, Stop
+from trocar.hardware.priority import ahead_of_others
 from trocar.robots.driver import Completion, Driver
 from trocar.robots.executor import Ending
 
@@ -328,12 +328,16 @@ def serve(
         told.send(error if isinstance(error, TrocarError) else f"{type(error).__name__}: {error}")
         return
     signal.signal(signal.SIGTERM, lambda *_: loop.inbox.put(Close()))
-    if settings.priority > 0 and hasattr(os, "sched_setscheduler"):
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(settings.priority))
     importlib.import_module("scipy.interpolate")  # .13 s, for which the first motion would wait, and ticks be late
     told.send(None)
+    with ahead_of_others(settings.priority):
+        _tick_until_closed(loop, said, told)
+
+
+def _tick_until_closed(loop: HardwareLoop, said: Connection, told: Connection) -> None:
+    """Let the loop tick at its times, and pass on what it hears and tells."""
     unsent: queue.SimpleQueue[Report] = queue.SimpleQueue()
+    settings = loop.settings
     threading.Thread(target=_listen, args=(said, loop.inbox), daemon=True).start()
     threading.Thread(target=_speak, args=(unsent, told), daemon=True).start()
     due_s = time.monotonic() + settings.tick_s

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import mujoco
 import numpy as np
 import trio
@@ -100,11 +102,14 @@ class SimCamera:
         self._world, self.renderer, self.exposure_s, self.rng = world, renderer, exposure_s, rng
         self.model = renderer.model
         self.taken: list[Image] = []
+        # A projector lights one exposure at a time; a pair of lenses streams, and exposures may overlap.
+        self._exposures = trio.Lock() if isinstance(self.model, Intrinsics) else nullcontext()
 
     async def capture(self, window: Window | StereoWindow | None = None) -> Image:
         """Expose one image; it shows the end of the exposure."""
         self.renderer.read_out(window)  # a window that is refused takes no time
-        await trio.sleep(self.exposure_s)
+        async with self._exposures:
+            await trio.sleep(self.exposure_s)
         image = self.renderer.image(self._world.data, self.rng, window)
         if window is None:
             self.taken.append(image)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-import trio
 
 from trocar.cell import Camera, Cell, Result
 from trocar.errors import InvalidInput
@@ -39,7 +38,6 @@ class Table:
         self.camera, self.T_world_camera = _rgbd(context.cell)
         self.T_world_board = context.cell.T_world_fixture["board"]
         self.blocks: dict[int, SE3] = {}
-        self._sensor = trio.Lock()
 
     @property
     def T_camera_board(self) -> SE3:
@@ -47,10 +45,9 @@ class Table:
         return self.T_world_camera.inverse() @ self.T_world_board
 
     async def capture(self, hand: ArmScript) -> RgbdImage:
-        """Take an image for an arm; the sensor takes one at a time."""
+        """Take an image for an arm."""
         with self.cell.log.span(hand.name, "capture"):
-            async with self._sensor:
-                image = await self.camera.capture()
+            image = await self.camera.capture()
         assert isinstance(image, RgbdImage)  # the camera's model guarantees it
         return image
 
