@@ -134,6 +134,19 @@ def sight_needle(
     return found
 
 
+def floor_height_m(
+    images: Sequence[RgbdImage], T_camera_needle: SE3, needle: Needle, T_camera_floor: SE3
+) -> float | None:
+    """Return how far above its supposed plane, z up, the floor about a needle is seen, to .01 mm; None if it is not."""
+    T_floor, half, found = T_camera_floor.inverse(), needle.radius_m + MARGIN_M, [np.zeros(0)]
+    for image in images:
+        if (patch := patch_around(image, T_camera_needle, [-half] * 3, [half] * 3)) is not None:
+            z = T_floor.apply(patch.points_m.reshape(-1, 3))[:, 2]
+            found.append(z[colors(patch, T_floor)[0] & (np.abs(z) < ON_FLOOR_M)])
+    heights = np.concatenate(found)
+    return float(np.median(heights)) if len(heights) > FEWEST else None
+
+
 @dataclass(frozen=True, eq=False)
 class _PoseFit:
     """A pose to be fitted; see ``sight_needle``. ``prior`` is the inverse of the expected pose's covariance."""

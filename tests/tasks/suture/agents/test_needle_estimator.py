@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from trocar.arms import ik_unbounded, jacobian
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.agents.needle_estimator import (
     CAMERA,
@@ -27,6 +28,7 @@ SETUP = CircleSutures().setup
 HELD = grasp_pose(SETUP).inverse()
 BACK = (SE3.from_parts(SO3.axis("z", -SETUP.insertion.regrasp_rad)) @ grasp_pose(SETUP)).inverse()
 TIP = SE3.from_parts(SO3.exp([2.8, 0.4, -0.3]), [0.01, -0.02, -0.12])
+BY_JOINTS = jacobian(SETUP.arm, ik_unbounded(SETUP.arm, TIP))
 SHARP = NeedleSighting(SE3.identity(), np.diag(np.repeat([1.0 / 0.03e-3**2, 1.0 / 0.003**2], 3)), 100, 1e-4)
 
 
@@ -35,7 +37,7 @@ def seen_at(T):
 
 
 def loaded():
-    estimator = NeedleEstimator()
+    estimator = NeedleEstimator(SETUP.arm)
     estimator.loaded(HELD)
     return estimator
 
@@ -68,11 +70,12 @@ def test_a_look_is_taken_over_and_a_wild_one_is_not():
 def test_on_a_long_way_what_was_seen_of_the_arm_is_forgotten_but_not_how_the_needle_lies():
     estimator = loaded()
     estimator.update(TIP, SE3.identity(), seen_at(estimator.needle(TIP).T_base_needle @ SE3.exp([0, 0, 0, 0.08, 0, 0])))
-    lies, off = estimator.T_tip_needle, estimator.tip_error
+    lies, off = estimator.T_tip_needle, estimator.tip_error(TIP)
     estimator.moved(0.2)
     np.testing.assert_allclose(estimator.T_tip_needle.matrix, lies.matrix)
-    assert np.linalg.norm(estimator.tip_error[3:]) < np.linalg.norm(off[3:])
-    assert (sd(estimator.needle(TIP))[:3] > 0.8 * FADING_SD[:3]).all()
+    assert np.linalg.norm(estimator.tip_error(TIP)[3:]) < np.linalg.norm(off[3:])
+    tip_sd = np.sqrt(np.diag(BY_JOINTS @ np.diag(FADING_SD**2) @ BY_JOINTS.T))
+    assert np.linalg.norm(sd(estimator.needle(TIP))[:3]) > 0.8 * np.linalg.norm(tip_sd[:3])
 
 
 def test_a_part_of_the_arms_error_fades_over_6_mm_of_way_and_the_rest_stays():
@@ -97,7 +100,7 @@ def of_grasp(estimator, covariance):
 
 @pytest.mark.parametrize("T_tip_needle", [HELD, BACK], ids=["first grip", "regrasped"])
 def test_the_axes_of_a_grasp_are_the_jaws_closing_axis_and_the_wire(T_tip_needle):
-    estimator, held_at = NeedleEstimator(), T_tip_needle.inverse()
+    estimator, held_at = NeedleEstimator(SETUP.arm), T_tip_needle.inverse()
     estimator.loaded(T_tip_needle)
     T_needle_grasp = estimator._T_needle_grasp()
     closing, along, _ = T_needle_grasp.rotation.matrix.T
@@ -162,11 +165,11 @@ def test_the_errors_add_up_as_they_are_drawn():
     estimator, rng = loaded(), np.random.default_rng(0)
     drawn = []
     for _ in range(3000):
-        off = np.hypot(LASTING_SD, FADING_SD) * rng.standard_normal(6)
+        off = LASTING_SD * rng.standard_normal(6) + BY_JOINTS @ (FADING_SD * rng.standard_normal(6))
         tip = SE3.from_parts(SO3.exp(off[3:]) @ TIP.rotation, TIP.translation_m + off[:3])
         drawn.append(((TIP @ HELD).inverse() @ tip @ HELD).log())
     before = estimator.needle(TIP).covariance
-    surely = NeedleEstimator()
+    surely = NeedleEstimator(SETUP.arm)
     surely._T_tip_needle_planned = HELD  # no error of the grip
     np.testing.assert_allclose(np.sqrt(np.diag(surely.needle(TIP).covariance)), np.std(drawn, axis=0), rtol=0.08)
     assert (np.diag(before) > np.diag(surely.needle(TIP).covariance)).all()

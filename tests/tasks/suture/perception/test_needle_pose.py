@@ -18,6 +18,7 @@ from trocar.tasks.suture.perception import (
     NeedleEvidence,
     contradicting_share,
     depth_residuals,
+    floor_height_m,
     normal_equations,
     ray_cost,
     ray_distances,
@@ -53,6 +54,17 @@ def test_a_needle_is_found_from_where_it_is_expected_and_it_is_said_how_surely()
     assert (rms[:3] < 0.2e-3).all(), "it was expected .6 mm off"
     assert (rms[3:5] < 0.03).all(), "and .06 rad; its turn about its centre is seen by its ends alone"
     assert 0.05 < np.mean(scores) < 3.0
+
+
+def test_the_floor_tells_how_far_it_is_from_where_it_is_said_to_be():
+    rng = np.random.default_rng(4)
+    needle = over_floor(rng)
+    images = [picture(needle, rng, 0.3e-3)]
+    for off_m in (-0.2e-3, 0.0, 0.3e-3):
+        supposed = T_CAMERA_FLOOR @ SE3.from_parts(translation_m=[0.0, 0.0, -off_m])
+        assert floor_height_m(images, needle, ARC, supposed) == pytest.approx(off_m, abs=0.03e-3)
+    nowhere = T_CAMERA_FLOOR @ SE3.from_parts(translation_m=[0.0, 0.0, 0.01])
+    assert floor_height_m(images, needle, ARC, nowhere) is None
 
 
 FAR_OFF = (-1.37e-3, -0.05e-3, -2.01e-3, 0.0853, -0.1411, -0.0716)

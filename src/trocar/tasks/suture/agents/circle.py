@@ -205,14 +205,13 @@ class CircleSuturing:
         segment, tracker = stretch.segment, self.tracker
         if stretch.first:
             self.log.event("step", suture=number, step=segment.name)
+        if segment.regrasps:  # open jaws hide less of the needle, which the tissue holds still
+            await self.open()
         if tracker:
             await self.look(stretch, tracker)
             above = segment.name == "approach" and stretch.first
             if above and (failed := await self.check_needle(number, stretch, tracker)):
                 return failed
-        if segment.regrasps:
-            await self.open()
-        if tracker:
             segment = tracker.path(stretch)
         if reason := await self._go_along(number, segment, self._speed_m_s(stretch)):
             if stretch.segment.first_outside(self.arm) is not None:

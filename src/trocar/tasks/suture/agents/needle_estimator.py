@@ -8,14 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from trocar.arms import ArmModel, ik_unbounded, jacobian
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.perception import NeedleSighting
 
 LASTING, FADING, GRIP = slice(0, 6), slice(6, 12), slice(12, 18)
-"""Parts of the state: the tip's lasting error, its fading error, and how the needle lies in the jaws."""
+"""Parts of the state: the tip's lasting error, the joints' fading errors, and how the needle lies in the jaws."""
 LASTING_SD = np.repeat([0.25e-3, 0.010], 3)
-FADING_SD = np.repeat([0.40e-3, 0.020], 3)
-"""SDs of the tip's error, m and rad: what registration and fitted cables leave at difficulty `recorded`."""
+"""SDs of the tip's lasting error, m and rad: what registration and fitted cables leave at difficulty `recorded`."""
+FADING_SD = np.array([1.6e-3, 1.6e-3, 0.27e-3, 0.009, 0.027, 0.018])
+"""SDs of the joints' fading errors, rad and m, likewise. Most comes from pitch and yaw of the wrist: they shift the tip
+as they turn it, so that a needle whose attitude is hardly seen is known by its place."""
 FADES_M = 6e-3
 """Distance travelled by the jaws over which the fading error falls to 1/e."""
 LOADED = np.diag(np.array([0.6e-3, 0.6e-3, 0.6e-3, 0.08, 0.09, 0.08]) ** 2)
@@ -75,10 +78,15 @@ class NeedleEstimator:
     """A normal distribution of three twists, small enough to add up.
 
     The tip's error is a shift and a rotation about the tip, both in the base's axes; one part of it lasts for the whole
-    session, the other fades with the distance that the jaws travel. The needle's error is a twist in its own frame.
+    session, the other comes from errors of the joints, which fade with the distance that the jaws travel. The needle's
+    error is a twist in its own frame.
+
+    Args:
+        arm: the arm.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, arm: ArmModel) -> None:
+        self._arm = arm
         self._T_tip_needle_planned = SE3.identity()
         self._begin()
 
@@ -88,10 +96,9 @@ class NeedleEstimator:
         self._mean = np.zeros(18)
         self._covariance = np.diag(np.concatenate([LASTING_SD, FADING_SD, np.zeros(6)]) ** 2)
 
-    @property
-    def tip_error(self) -> NDArray[np.float64]:
-        """Return the expected error (6,) of the tip: shift, m, and rotation, rad, in the base's axes."""
-        return np.asarray(self._mean[LASTING] + self._mean[FADING])
+    def tip_error(self, T_base_tip: SE3) -> NDArray[np.float64]:
+        """Return the expected error (6,) of a tip that is asked to be here: shift and rotation in the base's axes."""
+        return np.asarray(self._mean[LASTING] + self._by_joints(T_base_tip) @ self._mean[FADING])
 
     def loaded(self, T_tip_needle: SE3) -> None:
         """Start again: a person has put the needle into the jaws near this pose."""
@@ -134,8 +141,8 @@ class NeedleEstimator:
         return NeedleEstimate(T_base_needle, of_needle @ self._covariance @ of_needle.T)
 
     def tip(self, T_base_tip: SE3) -> SE3:
-        """Return where the tip is if it is asked to be here; poses of any batch."""
-        off = self.tip_error
+        """Return where the tip is if it is asked to be here."""
+        off = self.tip_error(T_base_tip)
         return SE3.from_parts(SO3.exp(off[3:]) @ T_base_tip.rotation, T_base_tip.translation_m + off[:3])
 
     @property
@@ -172,7 +179,11 @@ class NeedleEstimator:
         """Return the effect (6, 18) of the tip's parts of the state on the needle, as a twist in its frame."""
         to_tip = np.kron(np.eye(2), T_base_tip.rotation.matrix.T)
         of_tip = self._T_tip_needle_planned.inverse().adjoint() @ to_tip
-        return np.concatenate([of_tip, of_tip, np.zeros((6, 6))], axis=1)
+        return np.concatenate([of_tip, of_tip @ self._by_joints(T_base_tip), np.zeros((6, 6))], axis=1)
+
+    def _by_joints(self, T_base_tip: SE3) -> NDArray[np.float64]:
+        """Return the effect (6, 6) of the joints' errors on the tip, in the base's axes."""
+        return jacobian(self._arm, ik_unbounded(self._arm, T_base_tip))
 
     def _of_needle(self, T_base_tip: SE3) -> NDArray[np.float64]:
         """Return the effect (6, 18) of the state on the needle, as a twist in its frame."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -16,8 +17,9 @@ from trocar.cli.group import Result
 from trocar.cli.options import JsonFlag, need
 from trocar.cli.out_folder import check_out_folder
 from trocar.counting import counted
-from trocar.errors import InvalidValue
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.files.output import PICTURE, require_place, write_json, write_table
+from trocar.lab import load_station
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.commands.options import REWARD, SPACING, option
 from trocar.tasks.suture.demonstrations import Demonstrations
@@ -33,14 +35,17 @@ from trocar.tasks.suture.planning import (
 )
 from trocar.tasks.suture.planning.plan import PLAN
 from trocar.tasks.suture.planning.primitive import jaws_above_m
+from trocar.tasks.suture.planning.two_arm_waypoints import TWO_ARM_COLUMNS, Pair, two_arm_rows, two_arm_waypoints
+from trocar.tasks.suture.planning.two_arms import SecondArm, plan_two_arms
 from trocar.tasks.suture.planning.waypoints import COLUMNS, rows, waypoints, waypoints_values
+from trocar.tasks.suture.task import SINGLE, STATIONS, TWO
 
 PAPER_PRESET = "paper-demo"
 KIND = "plan of sutures"
 WAYPOINTS = "waypoints of sutures"
 FILES = {PLAN: KIND, "plan.png": PICTURE, "reasons.png": PICTURE, "waypoints.json": WAYPOINTS}
-"""The files that are written, with their kinds; ``TABLE`` besides."""
-TABLE = "waypoints.csv"
+"""The files that are written, with their kinds; the tables besides."""
+TABLE, TWO_ARM_TABLE = "waypoints.csv", "waypoints_two_arms.csv"
 WARM_UP = 8
 """Positions of the map that is made before the one that is timed."""
 
@@ -56,6 +61,14 @@ def suture(
         ),
     ] = None,
     out: options.Out = None,
+    variant: Annotated[
+        str,
+        typer.Option(
+            help=f"Who sutures: {', '.join(STATIONS)}. Two arms: plan also how the second one, at station "
+            f"{STATIONS[TWO]!r}, pulls the needle through and hands it back.",
+            metavar="WORD",
+        ),
+    ] = SINGLE,
     view: Annotated[
         bool, typer.Option("--view", help="Show arm and needle along the sutures in the browser; Ctrl-C ends.")
     ] = False,
@@ -95,8 +108,11 @@ def suture(
     reward = replace(chosen.reward, **{name: value for name, value in asked.items() if value is not None})
     chosen = replace(chosen, reward=reward)
     check_out_folder(out, FILES)
+    if variant not in STATIONS:
+        raise UnknownName("variant of suture", variant, STATIONS)
     if out is not None:
         require_place(out / TABLE, WAYPOINTS, mark=",".join(COLUMNS))
+        require_place(out / TWO_ARM_TABLE, WAYPOINTS, mark=",".join(TWO_ARM_COLUMNS))
     spacing = options.spacing_of(count, search, gap, forbid or (), fix or (), setup=chosen.setup)
     if view:
         need("view")
@@ -109,8 +125,9 @@ def suture(
     if arm is not None and summary["problem"]:
         parts = "--free port" if jaws_above_m(chosen.setup) >= 0 else "--free port --free grasp"
         summary["problem"] += f"; `trocar plan setup --arm {arm} {parts}` searches for a setup in which it can suture"
+    stitches = _two_arms(map, plan, summary) if variant == TWO and plan.feasible else []
     if out is not None:
-        summary["files"] = _save(out, map, plan, summary)
+        summary["files"] = _save(out, map, plan, summary, stitches)
     if not plan.feasible:
         typer.echo(f"trocar: {summary['problem']}", err=True)
     Result(summary, _lines(summary), succeeded=plan.feasible).show(as_json)
@@ -153,22 +170,56 @@ def _summary(
     return summary
 
 
-def _save(out: Path, map: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> list[str]:
+def _two_arms(map: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> list[Pair]:
+    """Return the waypoints of two arms, and add to the summary how much room they have.
+
+    Raises:
+        TrocarError: the first arm is another than the station's, or an arm cannot do its part.
+    """
+    station = load_station(STATIONS[TWO])
+    names = list(station.arms)[:2]
+    first, second = (station.arm(name) for name in names)
+    if first.model.name != map.setup.arm.name:
+        there = f"is for {first.model.name!r}, the first arm of station {station.name!r}, not {map.setup.arm.name!r}"
+        raise InvalidInput(f"--variant {TWO}", there, "leave out --arm")
+    puller = SecondArm(second.model, second.T_world_base, second.park_q())
+    sutures = sutures_at(map.setup, plan.positions_rad, plan.directions)
+    cameras = [camera.T_world_camera for camera in station.cameras.values()]
+    between = plan_two_arms(sutures, first.park_q(), puller, station.T_world_fixture["stand"], cameras)
+    stitches = two_arm_waypoints(sutures, between, first.park_q(), puller)
+    parts = [*between.pulls, *(handovers[0] for handovers in between.handovers)]
+    summary["two_arms"] = {
+        "arms": names,
+        "seconds": [float(max(one.times_s[-1] for one in pair)) for pair in stitches],
+        "room_deg": math.degrees(min(part.room_rad for part in parts)),
+        "apart_mm": 1e3 * min(part.apart_m for part in parts),
+    }
+    return stitches
+
+
+def _save(
+    out: Path, map: DexterityMap, plan: SuturePlan, summary: dict[str, Any], two_arms: Sequence[Pair]
+) -> list[str]:
     """Write the plan, its pictures and, if an arm can follow it, its waypoints; return their paths."""
     from trocar.tasks.suture.report.circle import draw_plan
     from trocar.tasks.suture.report.panels import draw_reasons
 
     files = [out / PLAN, draw_plan(map, plan, out / "plan.png"), draw_reasons(map, plan, out / "reasons.png")]
-    table, values = out / TABLE, out / "waypoints.json"
+    table, values, both = out / TABLE, out / "waypoints.json", out / TWO_ARM_TABLE
+    for earlier in (table, values, both):
+        earlier.unlink(missing_ok=True)
     if plan.feasible:
         stitches = [waypoints(suture) for suture in sutures_at(map.setup, plan.positions_rad, plan.directions)]
         kept = {name: summary[name] for name in ("arm", "setup", "positions_deg", "directions")}
         write_table(table, COLUMNS, rows(stitches))
+        if two_arms:
+            names = summary["two_arms"]["arms"]
+            kept["two_arms"] = [
+                {name: one.values() for name, one in zip(names, pair, strict=True)} for pair in two_arms
+            ]
+            files.append(write_table(both, TWO_ARM_COLUMNS, two_arm_rows(names, two_arms)))
         write_json(values, {**kept, **waypoints_values(stitches)}, WAYPOINTS)
         files += [table, values]
-    else:  # those of an earlier plan
-        table.unlink(missing_ok=True)
-        values.unlink(missing_ok=True)
     write_json(out / PLAN, {**summary, "files": [str(file) for file in files]}, KIND)
     return [str(file) for file in files]
 
@@ -200,6 +251,12 @@ def _lines(summary: dict[str, Any]) -> list[Any]:
         arcs = summary["unreachable_deg"]
         lines += [f"no suture at {arc['from']:.4g} to {arc['to']:.4g} deg: {arc['reason']}" for arc in arcs]
     lines += [f"manipulability: {summary['manipulability_source']}", *tissue_warnings(summary)]
+    if "two_arms" in summary:
+        two = summary["two_arms"]
+        lines.append(
+            f"two arms: {max(two['seconds']):.0f} s a stitch at most, without looks and computing; their joints keep "
+            f"{two['room_deg']:.0f} deg to their limits, the instruments {two['apart_mm']:.1f} mm to each other"
+        )
     if not summary["jaws_can_hold_needle"]:
         lines.append(
             f"the wire leaves the plane of the jaws by {summary['wire_out_of_jaws_deg']:.0f} deg: "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import fk
+from trocar.arms import MOTION_LIMITS, ArmModel, fk
 from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.segments import (
@@ -17,6 +17,7 @@ from trocar.tasks.suture.planning.segments import (
     JAW_CLOSED_RAD,
     TRAVEL_M_S,
     TRAVELS,
+    Segment,
     minimum_jerk,
     suture_segments,
 )
@@ -24,6 +25,10 @@ from trocar.tasks.suture.planning.segments import (
 JAW_S = 0.5
 """Time for the jaws to open or close, in which the arm rests."""
 SHARES = minimum_jerk(np.linspace(0.0, 1.0, 1001))
+OPENED = ("withdraw", "rise")
+"""Segments, besides regrasps, on which the jaws are open."""
+GENTLE, AWAY = 0.2, 24
+"""Share of the limits that is used on ways from one place to another, with the least jerk, and their waypoints."""
 DIGITS = 9
 JOINT_NAMES = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 """CRTK's names of the joints, whatever an arm's own are."""
@@ -76,34 +81,80 @@ def waypoints(suture: Suture) -> Waypoints:
 
     Each movement begins and ends at rest, with the least jerk.
     """
-    arm = suture.setup.arm
-    names, times, paths, jaws, now, jaw = [], [], [], [], 0.0, JAW_CLOSED_RAD
+    timeline = Timeline(suture.setup.arm)
     for segment in suture_segments(suture):
-        wanted = JAW_OPEN_RAD if segment.regrasps or segment.name in ("withdraw", "rise") else JAW_CLOSED_RAD
-        if wanted != jaw and paths:
-            names += ["open" if wanted > jaw else "close"]
-            times.append(np.array([now + JAW_S]))
-            paths.append(paths[-1][-1:])
-            jaws.append(np.array([wanted]))
-            now += JAW_S
-        jaw = wanted
+        timeline.follow(segment)
+    return timeline.waypoints(suture)
+
+
+class Timeline:
+    """Movements of an arm one after the other, as rows.
+
+    Args:
+        arm: the arm, its jaws closed.
+        start_q: (6,) where it is at first; None: where the first of them begins.
+
+    Attributes:
+        now_s: when the last of them ends.
+    """
+
+    def __init__(self, arm: ArmModel, start_q: NDArray[np.float64] | None = None):
+        self.now_s, self._arm, self._jaw = 0.0, arm, JAW_CLOSED_RAD
+        self._names: list[str] = []
+        self._times: list[NDArray[np.float64]] = []
+        self._paths: list[NDArray[np.float64]] = []
+        self._jaws: list[NDArray[np.float64]] = []
+        if start_q is not None:
+            self._add("start", np.zeros(1), start_q[None], self._jaw)
+
+    def go(self, q: NDArray[np.float64]) -> None:
+        """Go straight to joints (6,), each within ``GENTLE`` of its limits of velocity and acceleration."""
+        path, limits = np.linspace(self._paths[-1][-1], q, AWAY), MOTION_LIMITS["paper"]
+        way = np.abs(path[-1] - path[0]) / GENTLE
+        seconds = max((1.875 * way / limits.velocity).max(), np.sqrt(5.774 * way / limits.acceleration).max())
+        self.move("go", path, float(seconds))
+
+    def follow(self, segment: Segment) -> None:
+        """Follow a segment, after the jaws have opened or closed for it."""
+        self.jaw(JAW_OPEN_RAD if segment.regrasps or segment.name in OPENED else JAW_CLOSED_RAD)
         for part in (segment, segment.back) if segment.beyond else (segment,):
-            if len(part.q) < 2:
-                continue
-            seconds = part.length_m / (TRAVEL_M_S if part.name in TRAVELS else DRIVING_M_S)
-            share = np.linspace(0.0, 1.0, len(part.q))
-            at = now + seconds * np.interp(share, SHARES, np.linspace(0.0, 1.0, len(SHARES)))
-            new = slice(1 if paths else 0, None)  # where the last movement ended, this one begins
-            names += [part.name] * len(part.q[new])
-            times.append(at[new])
-            paths.append(part.q[new])
-            jaws.append(np.full(len(part.q[new]), jaw))
-            now += seconds
-    q = np.concatenate(paths)
-    tip = fk(arm, q)
-    xyzw = np.roll(tip.rotation.as_quaternion(), -1, axis=-1)
-    poses = np.concatenate([tip.translation_m, xyzw], axis=-1)
-    return Waypoints(suture, np.concatenate(times), tuple(names), q, np.concatenate(jaws), poses)
+            self.move(part.name, part.q, part.length_m / (TRAVEL_M_S if part.name in TRAVELS else DRIVING_M_S))
+
+    def jaw(self, wanted_rad: float) -> None:
+        """Open or close the jaws, if they are not."""
+        if wanted_rad != self._jaw and self._paths:
+            self.now_s += JAW_S
+            self._add("open" if wanted_rad > self._jaw else "close", np.zeros(1), self._paths[-1][-1:], wanted_rad)
+        self._jaw = wanted_rad
+
+    def move(self, name: str, q: NDArray[np.float64], seconds: float) -> None:
+        """Move along joints (k, 6) in this time; the first are left out where the last movement ended."""
+        if len(q) < 2:
+            return
+        share = np.interp(np.linspace(0.0, 1.0, len(q)), SHARES, np.linspace(0.0, 1.0, len(SHARES)))
+        new = slice(1 if self._paths else 0, None)
+        self._add(name, seconds * share[new], q[new], self._jaw)
+        self.now_s += seconds
+
+    def wait(self, until_s: float) -> None:
+        """Rest where the arm is until this time."""
+        if until_s > self.now_s:
+            self.now_s = until_s
+            self._add("wait", np.zeros(1), self._paths[-1][-1:], self._jaw)
+
+    def _add(self, name: str, after_s: NDArray[np.float64], q: NDArray[np.float64], jaw_rad: float) -> None:
+        self._names += [name] * len(q)
+        self._times.append(self.now_s + after_s)
+        self._paths.append(q)
+        self._jaws.append(np.full(len(q), jaw_rad))
+
+    def waypoints(self, suture: Suture) -> Waypoints:
+        """Return all rows, as those of a stitch."""
+        q = np.concatenate(self._paths)
+        tip = fk(self._arm, q)
+        poses = np.concatenate([tip.translation_m, np.roll(tip.rotation.as_quaternion(), -1, axis=-1)], axis=-1)
+        times, jaws = np.concatenate(self._times), np.concatenate(self._jaws)
+        return Waypoints(suture, times, tuple(self._names), q, jaws, poses)
 
 
 def waypoints_values(stitches: Sequence[Waypoints]) -> dict[str, Any]:
