@@ -15,8 +15,6 @@ from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.segments import (
     DRIVING_M_S,
     JAW_CLOSED_RAD,
-    TRAVEL_M_S,
-    TRAVELS,
     minimum_jerk,
     suture_segments,
 )
@@ -90,7 +88,7 @@ def waypoints(suture: Suture) -> Waypoints:
         for part in (segment, segment.back) if segment.beyond else (segment,):
             if len(part.q) < 2:
                 continue
-            seconds = part.length_m / (TRAVEL_M_S if part.name in TRAVELS else DRIVING_M_S)
+            seconds = part.length_m / (part.free_m_s or DRIVING_M_S)
             share = np.linspace(0.0, 1.0, len(part.q))
             at = now + seconds * np.interp(share, SHARES, np.linspace(0.0, 1.0, len(SHARES)))
             new = slice(1 if paths else 0, None)  # where the last movement ended, this one begins
