@@ -51,7 +51,7 @@ BRISK = {
         "plan_budget_s": 0.05,
         "watch_binning": 1,
     },
-    "suture": {"driving_speed_m_s": 0.016, "travel_speed_m_s": 0.05},
+    "suture": {"driving_speed_m_s": 0.016},
 }
 """Settings by which a task's agents hurry, where they have them: how long an arm takes says nothing of what it sees."""
 

@@ -26,7 +26,7 @@ WRIST = ("roll", "wrist_pitch", "wrist_yaw")
 def brisk():
     """Method ``brisk-NAME`` for each method: twice as fast, so that the tests are too."""
     for name, method in CircleSutures.methods.items():
-        faster = {"driving_speed_m_s": 0.016, "travel_speed_m_s": 0.05}
+        faster = {"driving_speed_m_s": 0.016}
         settings = partial(replace, method.make_settings(), **faster)
         METHODS.register(f"suture/brisk-{name}", replace(method, settings=settings))
     yield

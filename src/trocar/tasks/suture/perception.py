@@ -64,10 +64,10 @@ APART_M = 1.0e-3
 """Points this close to another known object may be on that object."""
 IN_FRONT_M = 1.5e-3
 """A point this much nearer than the wire can be hides it."""
-STEP_M, COARSE = 1.5e-3, 5
-BEFORE_M = np.arange(-0.08, 0.004, STEP_M)
-"""Positions along a ray, relative to where it is nearest to the wire, at which another object would hide the wire or be
-taken for it. One in this many is tried first."""
+BEHIND_WIRE_M, BEFORE_WIRE_M = 2.5e-3, 80e-3
+"""Another object from so far behind the wire to so far before it would hide the wire or be taken for it."""
+STEP_M = 1.5e-3
+"""Least step along a ray on which such an object is searched for; it is longer where none is near."""
 UNLIKE = 0.05
 """Colours whose shares of red, green and blue differ by more are not the same."""
 GREY = 0.25
@@ -374,16 +374,16 @@ def along_rays(
 
 def clear(occluders: Distances, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which rays (n, 3) reach these depths (n,) and a little further without meeting another object."""
-
-    def least(which: NDArray[np.intp], before_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        along = rays[which, None] * (z_near[which, None] + before_m)[..., None]
-        return occluders(along.reshape(-1, 3)).reshape(along.shape[:2]).min(axis=1)
-
-    roughly = least(np.arange(len(rays)), BEFORE_M[::COARSE])
-    clear = roughly > APART_M
-    # A distance changes by no more than the way along the ray: only near something the places between have to be tried.
-    unsure = np.flatnonzero(clear & (roughly < APART_M + COARSE * STEP_M))
-    clear[unsure] = least(unsure, BEFORE_M) > APART_M
+    clear = np.ones(len(rays), dtype=bool)
+    z, end, long = z_near + BEHIND_WIRE_M, z_near - BEFORE_WIRE_M, np.linalg.norm(rays, axis=1)
+    left = np.arange(len(rays))
+    while len(left):
+        apart_m = occluders(rays[left] * z[left, None])
+        clear[left[apart_m <= APART_M]] = False
+        going = (apart_m > APART_M) & (z[left] > end[left])
+        left, apart_m = left[going], apart_m[going]
+        # A distance changes by no more than the way along the ray, so that nothing is nearer than this.
+        z[left] = np.maximum(z[left] - np.maximum(apart_m - APART_M, STEP_M) / long[left], end[left])
     return clear
 
 

@@ -20,7 +20,7 @@ from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import suture_joints
 from trocar.tasks.suture.planning.primitive import Suture
-from trocar.tasks.suture.planning.segments import suture_segments
+from trocar.tasks.suture.planning.segments import FREE_M_S, suture_segments
 from trocar.tasks.suture.score import score_sutures
 from trocar.tasks.suture.task import CircleSutures
 
@@ -28,7 +28,7 @@ TASK = CircleSutures()
 GOALS = TASK.goals()
 STATION = coarse(TASK.at(load_station("suture")))
 SETUP = TASK.setup
-QUICK = Settings(driving_speed_m_s=0.016, travel_speed_m_s=0.05)
+QUICK = Settings(driving_speed_m_s=0.016)
 """Twice as fast as the defaults, so that the tests are too."""
 UNSEEN = replace(QUICK, images=0)
 """Where an arm can go in one suture does not depend on looks at the needle."""
@@ -124,7 +124,7 @@ def test_the_way_in_is_travelled_and_the_needle_is_driven_at_their_own_speeds(un
     begins = {event["step"]: event["time_s"] for event in named(unseen_suture, "step")}
     motions = [span for span in unseen_suture.log.spans if span.name == "motion"]
     speeds = {
-        "lower": UNSEEN.travel_speed_m_s,
+        "lower": FREE_M_S["lower"],
         "penetrate": UNSEEN.driving_speed_m_s,
         "rotate": UNSEEN.driving_speed_m_s,
     }
@@ -255,7 +255,7 @@ def test_a_needle_that_is_badly_loaded_is_loaded_anew_as_often_as_allowed(monkey
     monkeypatch.setattr(NeedleTracker, "well_loaded", property(lambda tracker: False))
     lab = laboratory()
     agent = CircleSuturing(briefed(lab.cell))
-    assert not lab.run(lambda cell: agent.run(), 25.0)
+    assert not lab.run(lambda cell: agent.run(), 15.0)
     assert "penetrate" in [event["step"] for event in named(lab, "step")], "then it is driven nevertheless"
     assert len(named(lab, "loaded anew")) == QUICK.loadings - 1
 

@@ -13,10 +13,10 @@ from trocar.tasks.suture.planning import CLOCKWISE, DIRECTIONS, PRESETS, Suture,
 from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.primitive import needle_poses
 from trocar.tasks.suture.planning.segments import (
+    BACK_M_S,
     DRIVING_M_S,
+    FREE_M_S,
     JAW_CLOSED_RAD,
-    TRAVEL_M_S,
-    TRAVELS,
     minimum_jerk,
     suture_segments,
 )
@@ -49,12 +49,11 @@ def test_time_goes_on_within_the_arms_limits_at_the_speeds_of_the_segments(numbe
     rates = np.abs(np.diff(found.q, axis=0)) / np.diff(found.times_s)[:, None]
     assert (rates.max(0) <= MOTION_LIMITS["paper"].velocity).all()
     jaws = sum(name in ("open", "close") for name in found.segments)
-    seconds = sum(
-        (part.length_m + part.beyond * part.length_m / max(1, len(part.q) - 1))
-        / (TRAVEL_M_S if part.name in TRAVELS else DRIVING_M_S)
-        for part in suture_segments(found.suture)
-        if len(part.q) > 1
-    )
+    seconds = 0.0
+    for part in suture_segments(found.suture):
+        if len(part.q) > 1:
+            to_m_s = BACK_M_S if part.regrasps else FREE_M_S.get(part.name, DRIVING_M_S)
+            seconds += part.length_m / to_m_s + part.beyond * part.length_m / (len(part.q) - 1) / DRIVING_M_S
     assert found.times_s[-1] == pytest.approx(seconds + jaws * JAW_S)
 
 

@@ -22,8 +22,6 @@ from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
 from trocar.tasks.suture.planning.segments import (
     DRIVING_M_S,
     JAW_CLOSED_RAD,
-    TRAVEL_M_S,
-    TRAVELS,
     Segment,
     cut_short,
     minimum_jerk,
@@ -55,7 +53,7 @@ they close."""
 
 def _gentle() -> MotionLimits:
     limits = MOTION_LIMITS["paper"]
-    return MotionLimits(0.2 * limits.velocity, 0.2 * limits.acceleration)
+    return MotionLimits(0.5 * limits.velocity, 0.5 * limits.acceleration)
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ class Settings:
             play before the needle's next movement.
         entry_speed_m_s: the same where the tip goes in, after the last looks.
         exit_speed_m_s: likewise where it comes out.
-        travel_speed_m_s: mean speed on the way in and out, m/s.
+        travel_speed_m_s: mean speed of a second arm's open jaws near the needle, m/s.
         pulling_speed_m_s: mean speed at which a second arm pulls the needle through, m/s.
         jaw_open_rad: opening that clears the wire.
         jaw_closed_rad: target that lets the drive press.
@@ -88,16 +86,16 @@ class Settings:
     driving_speed_m_s: float = DRIVING_M_S
     entry_speed_m_s: float = 0.004
     exit_speed_m_s: float = 0.002
-    travel_speed_m_s: float = TRAVEL_M_S
+    travel_speed_m_s: float = 0.020
     pulling_speed_m_s: float = 0.010
     jaw_open_rad: float = JAW_OPEN_RAD
     jaw_closed_rad: float = JAW_CLOSED_RAD
     jaw_empty_rad: float = 0.04
     limits: MotionLimits = field(default_factory=_gentle)
     loadings: int = 3
-    images: int = 3
-    sighting_budget_s: float = 0.25
-    searching_budget_s: float = 0.8
+    images: int = 1
+    sighting_budget_s: float = 0.12
+    searching_budget_s: float = 0.5
 
 
 def blind() -> Settings:
@@ -342,8 +340,8 @@ class CircleSuturing:
         outside = segment.first_outside(self.arm)
         q = segment.q if outside is None else segment.q[: outside[0]]
         reason = "" if outside is None else self._limit(number, segment, *outside)
-        usual = self.settings.travel_speed_m_s if segment.name in TRAVELS else self.settings.driving_speed_m_s
-        seconds = segment.length_m / (speed_m_s or usual) * len(q) / max(1, len(segment.q))
+        mean_m_s = speed_m_s or segment.free_m_s or self.settings.driving_speed_m_s
+        seconds = segment.length_m / mean_m_s * len(q) / max(1, len(segment.q))
         try:
             if len(q) and np.abs(q[0] - self.hand.q).max() > JOINED:
                 await self.hand.go(q[0])

@@ -33,11 +33,13 @@ LIFT_M, APPROACH_M, WITHDRAW_M = 0.025, 0.006, 0.010
 """Height from which the arm is lowered and to which it rises; length of the approach along the needle's first
 direction; how far open jaws back off along their own axis."""
 UP = np.array([0.0, 0.0, 1.0])
-DRIVING_M_S, TRAVEL_M_S = 0.004, 0.020
-"""Mean speeds of the jaws along the primitive, slow enough for the cables to take up their play before the needle's
-next movement, and on the ways in and out."""
-TRAVELS = ("lower", "withdraw", "rise")
-"""Segments away from tissue and needle, done at travel speed."""
+DRIVING_M_S = 0.004
+"""Mean speed of the jaws along the primitive, slow enough for the cables to take up their play before the needle's next
+movement."""
+FREE_M_S = {"lower": 0.040, "approach": 0.010, "withdraw": 0.020, "rise": 0.040}
+"""Mean speeds on the ways in and out."""
+BACK_M_S = 0.010
+"""Mean speed of open jaws back along the wire to beyond where they close."""
 JAW_CLOSED_RAD = -0.17
 """A target that lets the drive press."""
 
@@ -84,6 +86,11 @@ class Segment:
         """Return the path from beyond the end back to it."""
         q = self.q[::-1][: self.beyond + 1]
         return Segment(self.name, q, self.length_m * self.beyond / max(1, len(self.q) - 1))
+
+    @property
+    def free_m_s(self) -> float | None:
+        """Return the mean speed of the jaws if they do not drive the needle here; None if they do, or are about to."""
+        return BACK_M_S if self.beyond else FREE_M_S.get(self.name)
 
     def first(self, count: int) -> Segment:
         """Return the path up to a waypoint."""

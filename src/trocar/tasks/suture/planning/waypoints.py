@@ -15,8 +15,6 @@ from trocar.tasks.suture.planning.primitive import Suture
 from trocar.tasks.suture.planning.segments import (
     DRIVING_M_S,
     JAW_CLOSED_RAD,
-    TRAVEL_M_S,
-    TRAVELS,
     Segment,
     minimum_jerk,
     suture_segments,
@@ -118,7 +116,7 @@ class Timeline:
         """Follow a segment, after the jaws have opened or closed for it."""
         self.jaw(JAW_OPEN_RAD if segment.regrasps or segment.name in OPENED else JAW_CLOSED_RAD)
         for part in (segment, segment.back) if segment.beyond else (segment,):
-            self.move(part.name, part.q, part.length_m / (TRAVEL_M_S if part.name in TRAVELS else DRIVING_M_S))
+            self.move(part.name, part.q, part.length_m / (part.free_m_s or DRIVING_M_S))
 
     def jaw(self, wanted_rad: float) -> None:
         """Open or close the jaws, if they are not."""
