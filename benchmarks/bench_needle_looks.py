@@ -17,6 +17,7 @@ from unittest.mock import patch
 import numpy as np
 
 import trocar
+from trocar.counting import counted
 from trocar.log import machine_speed
 from trocar.tasks.suture import perception
 from trocar.tasks.suture.agents import needle_tracker
@@ -43,16 +44,17 @@ def main(seed: int) -> None:
 
     with patch.object(needle_tracker, "sight_needle", noted):
         trocar.run("suture", sessions=1, trials=1, seed=seed, calibration="joints")
-    searches = [look for look in looks if len(search_starts(*look.args[1:4])) > 1]
+    starts = [len(search_starts(*look.args[1:4])) for look in looks]
     print(f"machine: {machine_speed():.2f} times as fast as the one for which times are declared")
     declared = Settings()
-    for name, some, budget_s in (
-        ("near where it was expected", [look for look in looks if look not in searches], declared.sighting_budget_s),
-        ("searched for from several poses", searches, declared.searching_budget_s),
-    ):
-        times_ms = 1e3 * np.array([best_s(look) for look in some])
+    for count in sorted(set(starts)):
+        times_ms = 1e3 * np.array([best_s(look) for look, of in zip(looks, starts, strict=True) if of == count])
         median, most = np.percentile(times_ms, [50, 95])
-        print(f"{name}: {len(some)} looks, median {median:.0f}, p95 {most:.0f} ms; declared {1e3 * budget_s:.0f} ms")
+        budget_ms = 1e3 * (declared.sighting_budget_s + (count - 1) * declared.start_budget_s)
+        print(
+            f"searched for from {counted(count, 'pose')}: {counted(len(times_ms), 'look')}, median {median:.0f}, "
+            f"p95 {most:.0f} ms; declared {budget_ms:.0f} ms"
+        )
 
 
 if __name__ == "__main__":

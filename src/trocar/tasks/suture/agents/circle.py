@@ -77,7 +77,7 @@ class Settings:
         loadings: how often a person is asked to load the needle, until the jaws hold it as they should.
         images: number per look at the needle; 0: it is driven without looks.
         sighting_budget_s: declared for finding the needle in them.
-        searching_budget_s: the same if it has to be searched for from several poses.
+        start_budget_s: declared in addition for each further pose from which it is searched for.
     """
 
     planning_budget_s: float = 0.05
@@ -95,7 +95,7 @@ class Settings:
     loadings: int = 3
     images: int = 1
     sighting_budget_s: float = 0.12
-    searching_budget_s: float = 0.5
+    start_budget_s: float = 0.07
 
 
 def blind() -> Settings:
@@ -128,7 +128,7 @@ class CircleSuturing:
         base = cell.T_world_base_registered[self.hand.name]
         setup = replace(planned, arm=self.arm, T_world_base=base, circle=circle)
         self.sutures: list[Suture] = [replace(suture, setup=setup) for suture in context.goals]
-        looking = (settings.images, settings.sighting_budget_s, settings.searching_budget_s)
+        looking = (settings.images, settings.sighting_budget_s, settings.start_budget_s)
         self.tracker = NeedleTracker(cell, self.hand, setup, *looking) if settings.images else None
 
     def require_help(self, cell: Cell) -> None:

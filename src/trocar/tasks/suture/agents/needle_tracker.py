@@ -146,7 +146,7 @@ class NeedleTracker:
         setup: of the sutures, with the registered base and circle.
         images: number per look.
         budget_s: declared for finding the needle in them.
-        searching_budget_s: the same if it has to be searched for from several poses.
+        start_budget_s: declared in addition for each further pose from which it is searched for.
         others: other arms, which may hide the needle.
 
     Attributes:
@@ -165,7 +165,7 @@ class NeedleTracker:
         setup: SutureSetup,
         images: int,
         budget_s: float,
-        searching_budget_s: float,
+        start_budget_s: float,
         others: Sequence[ArmScript] = (),
     ):
         lenses = {name: lens for name, camera in cell.cameras.items() if isinstance(lens := camera.model, Intrinsics)}
@@ -176,7 +176,7 @@ class NeedleTracker:
         self._camera, self._lens = cell.cameras[nearest], lenses[nearest]
         self._T_base_camera = cell.T_world_base_registered[hand.name].inverse() @ T_world_camera[nearest]
         self._log, self._hand, self._setup = cell.log, hand, setup
-        self._images, self._budget_s, self._searching_budget_s = images, budget_s, searching_budget_s
+        self._images, self._budget_s, self._start_budget_s = images, budget_s, start_budget_s
         holds = [step for step in driven_steps(setup) if step.holds and step.name != "penetrate"]
         self._back_rad = [step.back_rad for step in holds]
         self._p_needle_tip_m = setup.needle.point_m(np.zeros(1))[0]
@@ -310,7 +310,7 @@ class NeedleTracker:
             taken = [await self._camera.capture(window) for _ in range(self._images)]
         images = [image for image in taken if isinstance(image, RgbdImage)]
         starts = search_starts(before.T_base_needle, before.covariance, self._setup.needle)
-        budget_s = self._searching_budget_s if len(starts) > 1 else self._budget_s
+        budget_s = self._budget_s + (len(starts) - 1) * self._start_budget_s
         seen = await self._hand.compute("perception", budget_s, partial(self._sight, images, before))
         self.seen = accepted = seen is not None and self._update(seen)
         off = (before.T_base_needle.inverse() @ self._estimate.T_base_needle).log()

@@ -68,7 +68,7 @@ class TwoArmSuturing(CircleSuturing):
             "planning", budget_s, lambda: plan_two_arms(self.sutures, self.home, arm, stand, cameras)
         )
         if self.tracker:
-            looking = (self.settings.images, self.settings.sighting_budget_s, self.settings.searching_budget_s)
+            looking = (self.settings.images, self.settings.sighting_budget_s, self.settings.start_budget_s)
             setup = self.sutures[0].setup
             self.tracker = NeedleTracker(cell, self.hand, setup, *looking, others=[second])
             pulling = self.plan.pulls[0].grips[0].setup
