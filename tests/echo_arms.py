@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import deque
 from functools import partial
 
 import numpy as np
@@ -35,6 +36,24 @@ class EchoArm:
 
     def close(self):
         pass
+
+
+class DelayedJaws(EchoArm):
+    """An arm whose jaws read what they were sent some ticks ago, as over a network."""
+
+    TICKS = 8
+
+    def __init__(self):
+        super().__init__()
+        self.sent = deque([self.jaw] * (self.TICKS + 1), maxlen=self.TICKS + 1)
+
+    def read(self):
+        self.sent.append(self.jaw)
+        return HardwareReading(self.q, self.sent[0])
+
+
+def with_delayed_jaws(name):
+    return DelayedJaws()
 
 
 def connect(name, log=None):

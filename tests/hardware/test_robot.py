@@ -86,6 +86,27 @@ def test_echoing_arms_keep_the_promises_of_a_robot_and_a_busy_script_makes_nothi
     assert max(use(tmp_path / "sent")) <= 1.001
 
 
+def test_jaws_that_a_network_tells_late_have_closed_when_the_call_returns(station):
+    read_rad = []
+
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(stall)
+            for goal_rad in (-0.17, 0.3, 0.3):
+                await cell.robot.jaw(ARM, goal_rad)
+                read_rad.append(cell.robot.read(ARM).jaw_rad)
+            nursery.cancel_scope.cancel()
+
+    async def stall():
+        while True:  # this process hears late of what the loop has read
+            await trio.sleep(0.01)
+            time.sleep(0.07)
+
+    with HardwareLaboratory(station, echo_arms.with_delayed_jaws, RELAXED) as laboratory:
+        assert laboratory.run(script, 20.0)
+    assert read_rad == pytest.approx([-0.17, 0.3, 0.3], abs=1e-6)
+
+
 def test_motions_that_replace_each_other_again_and_again_stay_within_the_limits(laboratory, tmp_path):
     ends = []
 

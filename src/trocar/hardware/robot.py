@@ -27,7 +27,9 @@ from trocar.trajectory import Trajectory
 CONNECT_S = 20.0
 """The loop's process has this long to start and to connect all arms."""
 STILL_RAD = 1e-3
-"""Jaws that turn by less than this while they should rest have stopped."""
+"""Jaws that turn by less than this in ``JAW_REST_S`` have stopped."""
+MOVED_RAD = 5e-3
+"""Jaws that read further off than this have moved."""
 ALIVE_S = 0.1
 """Signs of life are given this often."""
 
@@ -194,7 +196,7 @@ class HardwareRobot:
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Ramp the jaws to this opening at their speed; return when they arrived or stall."""
-        self._arm(arm)
+        before_rad, way_rad = self.read(arm).jaw_rad, abs(angle_rad - float(self._arm(arm).sent[6]))
         key, job = self._begin([arm])
         self._send(Jaw(key, arm, angle_rad))
         try:
@@ -203,16 +205,26 @@ class HardwareRobot:
             self._send(Jaw(next(self._keys), arm, float(self._arm(arm).sent[6])))
             raise
         if job.endings[arm].ended is MotionEnd.DONE:
-            await self._jaws_still(arm)
+            await self._jaws_still(arm, before_rad if way_rad > MOVED_RAD else math.inf)
         return self._result(job, arm)
 
-    async def _jaws_still(self, arm: str) -> None:
-        """Return when the jaws read still, which a network tells late; at most ``lag_s`` later."""
-        end_s = time.monotonic() + max(JAW_REST_S, self.settings.lag_s)
-        before_rad = math.inf
-        while abs(self.read(arm).jaw_rad - before_rad) > STILL_RAD and time.monotonic() < end_s:
-            before_rad = self.read(arm).jaw_rad
-            await trio.sleep(JAW_REST_S)
+    async def _jaws_still(self, arm: str, before_rad: float) -> None:
+        """Return when the jaws read still, at most ``lag_s`` late, on the loop's clock.
+
+        A network tells late that they move: those that still read as before the command have not begun. This process
+        may hear late of what the loop has read: what it has not heard is not still.
+        """
+        rest, lag = (math.ceil(time_s / self.settings.tick_s) for time_s in (JAW_REST_S, self.settings.lag_s))
+        end, read = self._report.tick + lag + rest, dict[int, float]()
+        while self._gone is None and self._report.tick < end:
+            now, now_rad = self._report.tick, self.read(arm).jaw_rad
+            read[now] = now_rad
+            since = max((tick for tick in read if tick <= now - rest), default=None)
+            if since is not None and abs(now_rad - before_rad) > MOVED_RAD:
+                lately_rad = [jaw_rad for tick, jaw_rad in read.items() if tick >= since]
+                if max(lately_rad) - min(lately_rad) <= STILL_RAD:
+                    return
+            await trio.sleep(self.settings.tick_s)
 
     def _begin(self, arms: Iterable[str], motions: Mapping[str, Trajectory] | None = None) -> tuple[int, _Job]:
         key, job = next(self._keys), _Job(set(arms), self._row + len(self._rows), dict(motions or {}))
