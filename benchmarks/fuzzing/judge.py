@@ -32,7 +32,7 @@ WORK = (
     "trocar.eval.jobs.run_trial",
     "trocar.eval.workers.run_all",
     "trocar.eval.jobs.run_all",
-    "trocar.collect.chain.calibrate",
+    "trocar.collect.collection.Collection.run",
     "trocar.collect.checkerboard.register_cell",
     "trocar.calibration.models.lstm.LstmModel.fit",
     "trocar.calibration.fleet.fit_from_prior",

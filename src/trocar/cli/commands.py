@@ -6,7 +6,7 @@ from trocar.cli.group import Known
 
 CALIBRATE = {
     "collect": Known(
-        "Calibrate arms of the simulated cell from images of spheres that they wear: joints, bases, cable models.",
+        "Calibrate arms from images of spheres that they wear: joints, bases, cable models.",
         "trocar.cli.collect:collect",
         "trocar calibrate collect peg-transfer --arm psm1 --out out/cal",
     ),

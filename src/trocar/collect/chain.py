@@ -73,9 +73,9 @@ class Calibrated:
             }
         return found
 
-    def drawn(self, folder: Path) -> tuple[dict[str, Any], list[Path]]:
+    def drawn(self, folder: str | Path) -> tuple[dict[str, Any], list[Path]]:
         """Draw pictures into a folder; return the figures, against the truth if it is known, and the further files."""
-        arm, files = self.collection.arm, []
+        folder, arm, files = Path(folder), self.collection.arm, []
         if isinstance(self.collection, Collection):
             files.append(draw_calibration(self, self.collection, folder / f"calibration_{arm}.png"))
         if self.evaluation is not None:

@@ -94,12 +94,12 @@ class CollectionPlan:
         size = np.clip(np.ceil(upper), first + 2, whole).astype(int) - first
         return Window((int(first[0]), int(first[1])), (int(size[0]), int(size[1])))
 
-    def kept(self, path: Path) -> list[Array]:
+    def kept(self, path: str | Path) -> list[Array]:
         """Return the centres (k, 3) of each row that a file has, and take over their times; none: there is no file.
 
         Raises BadFile: it is of another collection, or damaged.
         """
-        if not path.is_file():
+        if not Path(path).is_file():
             return []
         archive = read_archive(path, FORMAT, VERSION)
         if archive.header.get("collection") != self.digest:
@@ -113,7 +113,7 @@ class CollectionPlan:
         self.t_s[:rows] = t_s
         return list(np.asarray(centers, dtype=np.float64))
 
-    def keep(self, centers: list[Array], path: Path) -> None:
+    def keep(self, centers: list[Array], path: str | Path) -> None:
         """Write the centres of the rows so far."""
         header = {"format": FORMAT, "version": VERSION, "arm": self.arm, "collection": self.digest}
         Archive(header, {"p_camera_m": np.array(centers), "t_s": self.t_s[: len(centers)]}).save(path)
