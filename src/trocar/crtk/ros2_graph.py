@@ -12,7 +12,7 @@ from cyclonedds.builtin import (
     BuiltinTopicDcpsPublication,
     BuiltinTopicDcpsSubscription,
 )
-from cyclonedds.core import Policy, Qos
+from cyclonedds.core import InstanceState, Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.internal import InvalidSample
@@ -75,7 +75,7 @@ class Graph:
         latched = Qos(
             Policy.Reliability.Reliable(duration(milliseconds=100)),
             Policy.Durability.TransientLocal,
-            Policy.History.KeepLast(1),
+            Policy.History.KeepAll,  # all participants tell on it without a key: of the last one alone, most were lost
         )
         topic: Any = Topic(participant, "ros_discovery_info", ParticipantEntities)
         self._nodes: Any = DataReader(participant, topic, qos=latched)
@@ -90,7 +90,7 @@ class Graph:
             )
             for publishes, reader in ((True, self._publications), (False, self._subscriptions))
             for one in _valid(reader)
-            if (one.topic_name or "").startswith("rt/")  # one that has just ended has no name
+            if _is_there(one) and one.topic_name.startswith("rt/")
         ]
 
     def client(self, sender: Hashable) -> Client:
@@ -115,6 +115,11 @@ class Graph:
 
 def _valid(reader: BuiltinDataReader) -> list[Any]:
     return [one for one in reader.read(N=MOST) if not isinstance(one, InvalidSample)]  # type: ignore[arg-type]
+
+
+def _is_there(endpoint: Any) -> bool:
+    """Return whether an endpoint has not ended: of one that has, its last sample stays, and one without a name."""
+    return endpoint.sample_info.instance_state == InstanceState.Alive and endpoint.topic_name is not None
 
 
 def _client(participant: Any) -> Client:
