@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -20,7 +21,7 @@ from trocar.crtk.messages import Empty, JointState, PoseStamped, StringStamped
 from trocar.errors import InvalidInput
 from trocar.hardware.arm import ArmFault, Fault
 from trocar.lab import load_station
-from trocar.lab.topics import Dialect, Topics
+from trocar.lab.topics import Command, Dialect, Topics
 
 pytestmark = pytest.mark.realtime
 DOMAIN = 40 + os.getpid() % 150
@@ -30,14 +31,14 @@ LIMIT_S = 30.0
 
 
 @contextmanager
-def controller(dialect="crtk-1.0"):
+def controller(dialect="crtk-1.0", domain=DOMAIN):
     """Yield a controller's process; see ``controllers.py``."""
     words = [
         sys.executable,
         Path(__file__).parent / "controllers.py",
         dialect,
         "2",
-        DOMAIN,
+        domain,
         "-",
         json.dumps([*PARK, 0.3]),
     ]
@@ -119,6 +120,14 @@ def test_what_its_controller_is_stops_it_for_good(says, fault, detail):
         come = []
         until(lambda: come.extend(sent.take()) or come)
         assert [message.name for message in come] == [["marker"]], "nothing was sent"
+
+
+def test_an_arm_that_does_not_listen_to_what_it_would_be_sent_is_not_connected():
+    alone = DOMAIN + 1  # connections of the tests before this one subscribe what others send
+    topics = Topics(domain=alone, dialect=Dialect.CRTK_1_0, command=Command.MOVE)
+    deaf = "'psm1' does not subscribe /PSM1/move_jp and /PSM1/jaw/move_jp within"
+    with controller(domain=alone), pytest.raises(InvalidInput, match=re.escape(deaf)):
+        CrtkArm("psm1", topics)
 
 
 def test_an_arm_that_is_not_enabled_or_not_homed_is_not_connected():

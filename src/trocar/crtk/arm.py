@@ -67,30 +67,37 @@ class CrtkArm:
         self._setpoint = bus.subscriber(f"{topic}/{held}", JointState)
         self._jaw_measured = bus.subscriber(f"{jaw}/measured_js", JointState)
         self._jaw_setpoint = bus.subscriber(f"{jaw}/{held}", JointState)
-        self._out = bus.publisher(f"{topic}/{'servo_jr' if raven else self._command.value}", JointState)
-        self._jaw_out = None if raven else bus.publisher(f"{jaw}/{self._command.value}", JointState)
+        command = "servo_jr" if raven else self._command.value
+        self._out = bus.publisher(f"{topic}/{command}", JointState)
+        self._jaw_out = None if raven else bus.publisher(f"{jaw}/{command}", JointState)
         self._others = _commands(bus, topic, jaw, topics)
         self._sent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         self._last, self._jaw_last = np.full(6, np.nan), np.nan  # where the arm has been sent
         self._fault: ArmFault | None = None
         self._alone_s = time.monotonic()
-        self._wait_for(topics, jaw)
+        self._wait_for(topics, jaw, command)
         self._require_enabled()
 
-    def _wait_for(self, topics: Topics, jaw: str) -> None:
+    def _wait_for(self, topics: Topics, jaw: str, command: str) -> None:
         topic, deadline_s = self._topic, time.monotonic() + CONNECT_S
         held = held_topic(self._dialect)
         needed = {f"{topic}/operating_state": self._state, f"{topic}/measured_js": self._measured}
         needed |= {f"{topic}/{held}": self._setpoint}
         needed |= {f"{jaw}/measured_js": self._jaw_measured, f"{jaw}/{held}": self._jaw_setpoint}
-        while any(source.last is None for source in needed.values()) and time.monotonic() < deadline_s:
+        outs = {f"{topic}/{command}": self._out} | ({f"{jaw}/{command}": self._jaw_out} if self._jaw_out else {})
+        while True:
             self._take()
+            silent = [name for name, source in needed.items() if source.last is None]
+            deaf = [name for name, out in outs.items() if out.readers() < 2]  # one of ours looks for what others send
+            if not (silent or deaf):
+                break
+            if time.monotonic() > deadline_s:
+                said = [f"publishes no {' and no '.join(silent)}"] * bool(silent)
+                said += [f"does not subscribe {' and '.join(deaf)}"] * bool(deaf)
+                problem = f"{' and '.join(said)} within {CONNECT_S:g} s on {topics.interface}"
+                remedy = "check that it runs, its namespace, interface and domain"
+                raise InvalidInput(f"CRTK arm {self._name!r}", problem, remedy)
             time.sleep(0.01)
-        silent = [name for name, source in needed.items() if source.last is None]
-        if silent:
-            problem = f"publishes no {' and no '.join(silent)} within {CONNECT_S:g} s on {topics.interface}"
-            remedy = "check that it runs, its namespace, interface and domain"
-            raise InvalidInput(f"CRTK arm {self._name!r}", problem, remedy)
         for source in self._others.values():
             source.take()  # what others sent before this
 
