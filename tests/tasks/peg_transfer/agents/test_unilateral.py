@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -176,6 +177,15 @@ def test_a_block_that_cannot_be_lowered_as_it_was_seen_is_lowered_as_it_was_plan
         [FIRST], blocks=[standing(FIRST.source)], settings=replace(SETTINGS, looks_before_placing=True)
     )
     assert score.succeeded
+
+
+@pytest.mark.parametrize(
+    ("jaw_rad", "held"), [(0.0, False), (0.12, False), (0.17, True), (0.302, True), (SETTINGS.release_rad, False)]
+)
+def test_jaws_hold_what_is_as_thick_as_a_wall(jaw_rad, held):
+    """The thickest wall of a served cell was read as .302; jaws that are open hold nothing."""
+    arm = SimpleNamespace(settings=SETTINGS, hand=SimpleNamespace(jaw_rad=jaw_rad))
+    assert PegArm.holds.fget(arm) is held
 
 
 def test_an_arm_that_is_blocked_over_its_target_keeps_its_block_and_tries_again(monkeypatch):
