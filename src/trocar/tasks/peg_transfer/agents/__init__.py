@@ -114,4 +114,4 @@ def quick() -> Settings:
 
 def learning() -> Settings:
     """Return the settings of arms that learn their cables while they work."""
-    return Settings(teaching_looks=36, fixed_wrist=True, looks_before_placing=True, learns_offset=True)
+    return Settings(teaching_looks=36, fixed_wrist=True, looks_before_placing=True)
