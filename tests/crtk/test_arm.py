@@ -135,7 +135,7 @@ def test_an_arm_whose_readings_two_robots_publish_is_not_connected():
     with controller(domain=alone), controller(domain=alone):
         reads = open_bus(Topics(domain=alone)).subscriber("/PSM1/measured_js", JointState)
         senders = set()
-        until(lambda: reads.take() and senders.update(reads.sent_by) or len(senders) == 2)
+        until(lambda: (reads.take() and senders.update(reads.sent_by)) or len(senders) == 2)
         with pytest.raises(
             InvalidInput, match=r"'psm1' has its readings published by process \d+ .* and by process \d+"
         ):
