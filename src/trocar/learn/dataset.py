@@ -188,9 +188,7 @@ class _Draft:
         return Written(self.number, episode.frames, episode.task, self.features, found, episode.about, self.robot)
 
 
-def _draft(
-    place: Path, layout: Layout, episode: Episode, number: int, start: int, words: _Words, robot: str
-) -> _Draft:
+def _draft(place: Path, layout: Layout, episode: Episode, number: int, start: int, words: _Words, robot: str) -> _Draft:
     """Return an episode with the columns that every data set has, its words counted over all episodes."""
     n = episode.frames
     columns: dict[str, Any] = {key: values.copy() for key, values in episode.columns.items()}
@@ -213,7 +211,10 @@ def _draft(
         shape = [*opened(taken[0][1]).shape]
         features[IMAGES + camera] = {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"]}
     record = {"trocar": __version__, "layout": layout.name, "from": start, "features": features, **episode.about}
-    record |= {"steps": [words.steps[word] for word in episode.steps], "phases": [words.phases[w] for w in episode.phases]}
+    record |= {
+        "steps": [words.steps[word] for word in episode.steps],
+        "phases": [words.phases[w] for w in episode.phases],
+    }
     return _Draft(place, layout, episode, number, columns, features, json.loads(json.dumps(record)), robot)
 
 

@@ -146,7 +146,9 @@ def _steps(trial: Trial, arms: Sequence[str], times_s: NDArray[np.float64]) -> l
     turns, many = turns_of(trial), len(trial.scores)
 
     def goal(number: int) -> str:
-        more = [f"{k.replace('_', ' ')} {v}" for k, v in trial.scores[number].items() if k not in _OF_SCORE and _short(v)]
+        more = [
+            f"{k.replace('_', ' ')} {v}" for k, v in trial.scores[number].items() if k not in _OF_SCORE and _short(v)
+        ]
         return " ".join([f"{trial.goal_noun} {number + 1} of {many}", *([f"({', '.join(more)})"] if more else [])])
 
     found = []
