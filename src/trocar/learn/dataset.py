@@ -211,10 +211,7 @@ def _draft(place: Path, layout: Layout, episode: Episode, number: int, start: in
         shape = [*opened(taken[0][1]).shape]
         features[IMAGES + camera] = {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"]}
     record = {"trocar": __version__, "layout": layout.name, "from": start, "features": features, **episode.about}
-    record |= {
-        "steps": [words.steps[word] for word in episode.steps],
-        "phases": [words.phases[w] for w in episode.phases],
-    }
+    record["words"] = [[words.steps[w] for w in episode.steps], [words.phases[w] for w in episode.phases]]
     return _Draft(place, layout, episode, number, columns, features, json.loads(json.dumps(record)), robot)
 
 

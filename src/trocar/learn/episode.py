@@ -22,7 +22,7 @@ STATE, ACTION, STEP, PHASE, REWARD, DONE = (
     *("subtask_index", "phase_index", "next.reward", "next.done"),
 )
 TRUTH = "truth."
-"""Prefix of columns that only a referee knows; LeRobot's policies take what begins with ``observation`` or ``action``."""
+"""Prefix of columns that only a referee knows. LeRobot's policies take ``observation...`` and ``action...`` alone."""
 NO_PHASE = "other"
 _OF_SCORE = ("attempted", "available", "succeeded", "failure", "reason", "start_s", "end_s")
 
@@ -146,10 +146,9 @@ def _steps(trial: Trial, arms: Sequence[str], times_s: NDArray[np.float64]) -> l
     turns, many = turns_of(trial), len(trial.scores)
 
     def goal(number: int) -> str:
-        more = [
-            f"{k.replace('_', ' ')} {v}" for k, v in trial.scores[number].items() if k not in _OF_SCORE and _short(v)
-        ]
-        return " ".join([f"{trial.goal_noun} {number + 1} of {many}", *([f"({', '.join(more)})"] if more else [])])
+        told = {key: v for key, v in trial.scores[number].items() if key not in _OF_SCORE and _short(v)}
+        more = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in told.items())
+        return f"{trial.goal_noun} {number + 1} of {many}" + (f" ({more})" if more else "")
 
     found = []
     for time_s in times_s:
