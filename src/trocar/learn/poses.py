@@ -1,7 +1,8 @@
 """Poses of tips as data sets of dVRKs have them: position, quaternion xyzw and jaw of each arm, in metres and rad.
 
-Poses are in the world, by the base of an arm as it was registered. A quaternion and its negative are the same turn:
-of the two, the one nearer to the arm's tip in the middle of its joints' ranges is meant, so that no history is needed.
+Poses are in the world, by the base of an arm as it was registered. A quaternion and its negative are the same turn: of
+the first one of an episode, where arms are parked, the largest part is positive, and each is on the side of the one
+before. So episodes do not differ by signs, and numbers do not jump.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ def vectors(arm: ArmModel, T_world_base: SE3, rows: NDArray[np.float64]) -> NDAr
     """Return the numbers (n, 8) of one arm from joints and jaw (n, 7)."""
     tip = T_world_base @ fk(arm, rows[:, :6])
     quaternions = tip.rotation.as_quaternion()
-    usual = (T_world_base @ fk(arm, arm.middle)).rotation.as_quaternion()
-    quaternions = np.where(quaternions @ usual < 0, -1.0, 1.0)[:, None] * quaternions
+    first = quaternions[0, np.abs(quaternions[0]).argmax()]
+    turned = np.append(first, (quaternions[1:] * quaternions[:-1]).sum(axis=1)) < 0
+    quaternions *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
     return np.column_stack([tip.translation_m, quaternions[:, [1, 2, 3, 0]], rows[:, 6]])
 
 
