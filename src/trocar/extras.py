@@ -7,6 +7,7 @@ EXTRAS = {
     "learn": ("jax", "equinox", "optax"),
     "view": ("viser",),
     "parquet": ("pyarrow",),
+    "lerobot": ("pyarrow", "av"),
     "dask": ("distributed",),
     "crtk": ("cyclonedds",),
     "bags": ("rosbags", "mcap"),

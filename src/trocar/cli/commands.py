@@ -130,7 +130,7 @@ COMMANDS = {
         "trocar view out/ten --trial 3",
     ),
     "export": Known(
-        "Write saved trials as flat tables (goals, spans, events, collisions, joints, ...), or as MCAP for Foxglove.",
+        "Write saved trials as flat tables (goals, spans, events, ...), as MCAP for Foxglove, or for LeRobot.",
         "trocar.cli.report:export",
         "trocar export out/ten --out out/tables --format parquet",
     ),
