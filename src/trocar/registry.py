@@ -42,6 +42,9 @@ class Registry(Mapping[str, T], Generic[T]):
         group: of the entry points.
         builtin: name to thing, or :class:`Lazy` where importing it is expensive.
         check: called with a name and what is registered there by somebody else; raises a sentence if it cannot be used.
+
+    Attributes:
+        listeners: called with each name that is registered from now on.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class Registry(Mapping[str, T], Generic[T]):
     ):
         self.what, self.group, self._check = what, group, check
         self._known: dict[str, Any] = dict(builtin or {})
+        self.listeners: list[Callable[[str], object]] = []
 
     @cached_property
     def _installed(self) -> dict[str, Any]:
@@ -96,6 +100,8 @@ class Registry(Mapping[str, T], Generic[T]):
         if self._check is not None and not isinstance(thing, Lazy):
             self._check(name, thing)
         self._known[name] = thing
+        for listener in self.listeners:
+            listener(name)
         return thing
 
     def forget(self, name: str) -> None:
