@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from trocar.errors import BadFile, InvalidInput, TrocarError
-from trocar.registry import load_plugin, plugin_module
+from trocar.registry import load_file
 
 Policy = Callable[[Mapping[str, Any]], Any]
 """Returns the action for an observation; None: it is done."""
@@ -87,15 +87,19 @@ def _parts(policy: str) -> tuple[str, str]:
 def _loaded(policy: str) -> Policy:
     """Return a policy from a folder, a file or a module."""
     if Path(policy).is_dir():
-        found = _member(plugin_module(Path(policy) / IN_FOLDER), "make", policy)(Path(policy))
+        found = _member(_file(Path(policy) / IN_FOLDER), "make", policy)(Path(policy))
     else:
         where, name = _parts(policy)
-        module = plugin_module(where) if where.endswith(".py") else import_module(where)
+        module = _file(Path(where)) if where.endswith(".py") else import_module(where)
         found = _member(module, name, policy)
         found = found() if isinstance(found, type) else found
     if not callable(found):
         raise InvalidInput(f"policy {policy!r}", f"is {found!r:.60}", "give a function of an observation")
     return found
+
+
+def _file(path: Path) -> Any:
+    return load_file(path, f"trocar_policy_{path.stem}", kind="policy")
 
 
 def _member(module: Any, name: str, policy: str) -> Any:
