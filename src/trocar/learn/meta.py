@@ -256,12 +256,12 @@ was not where the encoders say. Columns `truth.*`, if there are any, are a refer
 
 ## Sensors
 
-Encoders, at the tick of 10 ms at or before each frame. Cameras: {", ".join(cameras) or "none"}; a camera takes few
+Encoders, read every 10 ms. Cameras: {", ".join(cameras) or "none"}; a camera takes few
 images, and each is shown until the next one; before the first, the picture is black.
 
 ## Synchronization
 
-One clock; nothing is interpolated.
+One clock. Joints are interpolated linearly between two ticks of 10 ms; bodies (`truth.bodies`) are at the nearest one.
 
 ## Collection procedure
 
