@@ -1,7 +1,8 @@
-"""``trocar import lerobot``: commands of a data set, replayed in the cell."""
+"""``trocar import lerobot``: commands of a data set, replayed in the cell; ``trocar study demonstrations``: new ones."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,11 +11,16 @@ import numpy as np
 from typer import Argument, Option
 
 from trocar.cli.group import Result
-from trocar.cli.options import Plugins, Seed, need
+from trocar.cli.options import JsonFlag, Plugins, Seed, need
 from trocar.cli.out_folder import default_folder
 from trocar.cli.progress import progress
+from trocar.cli.report import export_episodes
+from trocar.cli.run import OF_RUN, Backend, Jobs, Scheduler, TaskGroup, worked
 from trocar.cli.terminal import beside
-from trocar.errors import InvalidInput
+from trocar.counting import counted
+from trocar.errors import InvalidInput, UnknownName
+from trocar.eval import TASKS, Task
+from trocar.eval.config import RunConfig
 
 
 def import_lerobot(
@@ -44,9 +50,7 @@ def import_lerobot(
     slower. Actions must be poses of tips, named as Open-H's data sets of dVRKs name them (psm1_sp.position.x, ...).
     """
     need("sim", "lerobot")
-    from trocar.eval import TASKS  # the simulator is heavy
-    from trocar.eval.config import RunConfig
-    from trocar.eval.folder import load_trials, open_folder
+    from trocar.eval.folder import load_trials, open_folder  # the simulator is heavy
     from trocar.eval.jobs import play_run
     from trocar.eval.method import make_task
     from trocar.learn.read import read_episode
@@ -92,3 +96,68 @@ def import_lerobot(
     )
     lines.append(f"{reached} of {len(counts)} {trials[0].goal_noun}s reached; the trial: {folder}")
     return Result(summary, lines)
+
+
+KEEP, DROP = "keep", "drop"
+
+
+def demonstrations(
+    *,
+    task: type[Task],
+    options: Mapping[str, Any],
+    run: Mapping[str, Any],
+    episodes: Annotated[int, Option(min=1, help="How many trials, each in a session of its own.")] = 10,
+    failures: Annotated[
+        str, Option(metavar="keep|drop", help="Whether trials that missed a goal become episodes.")
+    ] = KEEP,
+    layout: Annotated[str, Option(metavar="lerobot|open-h", help="As in `trocar export`.")] = "lerobot",
+    out: Annotated[
+        Path | None, Option(metavar="DIR", help="Folder for trials and data set; default out/demonstrations-TASK-...")
+    ] = None,
+    jobs: Jobs = None,
+    backend: Backend = "processes",
+    scheduler: Scheduler = "",
+    plugin: Plugins = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Let a method do a task in new sessions, on all cores, and write a LeRobot data set of it."""
+    need("sim", "lerobot")
+    from trocar.eval.study import Condition  # the simulator is heavy
+    from trocar.eval.trial import Trial, trial_file
+    from trocar.eval.trials import Trials
+    from trocar.learn.demonstrations import KIND
+    from trocar.learn.meta import LAYOUTS
+
+    if failures not in (KEEP, DROP):
+        raise UnknownName("--failures", failures, (KEEP, DROP))
+    if layout not in LAYOUTS:
+        raise UnknownName("--layout", layout, LAYOUTS)
+    plugins = tuple(str(path.absolute()) for path in plugin or ())
+    config = RunConfig(task(**options), **run, sessions=episodes, plugins=plugins)
+    usual = default_folder(f"demonstrations-{task.name}-{config.method}-{config.seed}", config.unusual)
+    folder = (out or usual).absolute()
+    condition = Condition("demonstrations", config, folder / "trials")
+    results, missing = worked(folder, [condition], KIND, False, jobs, backend, scheduler)
+    rows = [row for one in results for row in one.rows]
+    reached = sum(row.success for row in rows)
+    places = [place for place in condition.places if trial_file(condition.folder, *place).is_file()]
+    trials: Sequence[Trial] = Trials([trial_file(condition.folder, *place) for place in places])
+    for sentence in missing:
+        beside().print(sentence, soft_wrap=True)
+    written = export_episodes(trials, missing, folder / "data", layout, successes=failures == DROP, truth=False)
+    summary = {**written.summary, "trials": len(rows), "succeeded": reached}
+    line = f"{reached} of {counted(len(rows), 'trial')} reached all goals; trials: {condition.folder}"
+    Result(summary, [line, *written.lines]).show(as_json)
+
+
+class _Demonstrations(TaskGroup):
+    body = staticmethod(demonstrations)
+    kind = "task"
+    does = "Lets a method do the task in new sessions, on all cores, and writes a LeRobot data set of it."
+    example = "trocar study demonstrations {task} --episodes 20 --seed 1 --out out/demonstrations"
+    of_run = tuple(name for name in OF_RUN if name not in ("sessions", "trials", "robot", "cables"))
+
+
+DEMONSTRATIONS = _Demonstrations(
+    "demonstrations", "Let a method do a task in new sessions: a LeRobot data set of it.", {}
+)

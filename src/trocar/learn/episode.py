@@ -126,7 +126,7 @@ def _about(trial: Trial) -> dict[str, Any]:
     return {
         **{key: trial.about[key] for key in ("fingerprint", "seed", "session", "method", "station", "difficulty")},
         "trial": trial.about["index"],
-        "success": trial.finished and bool(counts) and reached == len(counts),
+        "success": succeeded(trial),
         "goals_attempted": len(counts),
         "goals_reached": reached,
         "failures": sorted({score["failure"] for score in counts if score["failure"]}),
@@ -135,6 +135,12 @@ def _about(trial: Trial) -> dict[str, Any]:
         "goals": [{key: score[key] for key in ("succeeded", "failure", "start_s", "end_s")} for score in counts],
         "spans": [list(asdict(span).values()) for span in trial.spans],
     }
+
+
+def succeeded(trial: Trial) -> bool:
+    """Return whether a trial came to its end and reached all goals that it attempted."""
+    counts = [bool(score["succeeded"]) for score in trial.scores if score["attempted"]]
+    return trial.finished and bool(counts) and all(counts)
 
 
 def _numbered(words: Iterable[str]) -> tuple[list[str], NDArray[np.int64]]:
