@@ -1,4 +1,4 @@
-"""``trocar import lerobot``: commands of a data set, replayed in the cell; ``trocar study demonstrations``: new ones."""
+"""``trocar import lerobot`` replays the commands of a data set; ``trocar study demonstrations`` makes new ones."""
 
 from __future__ import annotations
 
@@ -158,6 +158,5 @@ class _Demonstrations(TaskGroup):
     of_run = tuple(name for name in OF_RUN if name not in ("sessions", "trials", "robot", "cables"))
 
 
-DEMONSTRATIONS = _Demonstrations(
-    "demonstrations", "Let a method do a task in new sessions: a LeRobot data set of it.", {}
-)
+_ABOUT = "Let a method do a task in new sessions, on all cores: a LeRobot data set of it."
+DEMONSTRATIONS = _Demonstrations("demonstrations", _ABOUT, {})

@@ -58,7 +58,7 @@ class Shaken:
         return await self._sent(self._robot.move, motions, pushed)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Let trajectories take over from where the arms were asked to be; they begin where the push has brought them."""
+        """Let trajectories take over from where the arms were asked to be; they begin where a push has brought them."""
         return await self._sent(self._robot.replace, motions, {a: self._back(a, motions[a]) for a in motions})
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
