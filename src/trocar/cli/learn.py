@@ -144,7 +144,7 @@ def demonstrations(
     trials: Sequence[Trial] = Trials([trial_file(condition.folder, *place) for place in places])
     for sentence in missing:
         beside().print(sentence, soft_wrap=True)
-    written = export_episodes(trials, missing, folder / "data", layout, successes=failures == DROP, truth=False)
+    written = export_episodes(trials, missing, folder / "data", layout, successes=failures == DROP)
     summary = {**written.summary, "trials": len(rows), "succeeded": reached}
     line = f"{reached} of {counted(len(rows), 'trial')} reached all goals; trials: {condition.folder}"
     Result(summary, [line, *written.lines]).show(as_json)

@@ -56,7 +56,7 @@ class Episode:
         return len(self.columns[STATE])
 
 
-def episode_of(trial: Trial, *, truth: bool = False) -> Episode:
+def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) -> Episode:
     """Return a trial as an episode.
 
     Frame k is at k / 30 s; joints are interpolated between the ticks of 10 ms before and after it. Its state is what
@@ -64,6 +64,7 @@ def episode_of(trial: Trial, *, truth: bool = False) -> Episode:
 
     Args:
         trial: a finished trial.
+        commanded: whether its actions are what was sent to the controller instead, corrected for the cables.
         truth: whether columns that only the referee knows are added.
 
     Raises:
@@ -87,7 +88,7 @@ def episode_of(trial: Trial, *, truth: bool = False) -> Episode:
     names: dict[str, list[str]] = {STATE: state_names(arms), ACTION: action_names(arms)}
     columns: dict[str, NDArray[Any]] = {
         STATE: of_arms("measured", times_s, scenery.T_world_base_registered),
-        ACTION: of_arms("desired", following, scenery.T_world_base_registered),
+        ACTION: of_arms("commanded" if commanded else "desired", following, scenery.T_world_base_registered),
     }
     steps, of_step = _numbered(_steps(trial, arms, times_s))
     phases, of_phase = _numbered(name for frame in _phases(trial, arms, times_s) for name in frame)
@@ -113,7 +114,7 @@ def episode_of(trial: Trial, *, truth: bool = False) -> Episode:
     }
     task = " ".join(str(trial.about[key]).replace("-", " ") for key in ("task", "variant") if trial.about[key])
     images = {name: taken for name, taken in images.items() if taken}
-    return Episode(columns, names, task, steps, phases, images, _about(trial))
+    return Episode(columns, names, task, steps, phases, images, {"commanded": commanded, **_about(trial)})
 
 
 _JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
