@@ -145,11 +145,13 @@ def _rows(path: Path, number: int, columns: list[str] | None = None) -> pa.Table
     if not path.is_file():
         raise BadFile(path, "is missing", "fetch the data set again")
     try:
+        has = pq.read_schema(path).names
+        for name in columns or ["episode_index"]:
+            if name not in has:
+                raise BadFile(path, f"lacks the column {name!r} (it has {', '.join(has)})", "fetch the data set again")
         return pq.read_table(path, columns=columns, filters=[("episode_index", "=", number)], partitioning=None)
-    except (pa.ArrowInvalid, OSError, EOFError):
+    except (pa.ArrowException, OSError, EOFError):
         raise BadFile(path, CUT, "fetch the data set again") from None
-    except (pa.ArrowKeyError, pa.ArrowException, KeyError):
-        raise BadFile(path, "lacks the column 'episode_index'", "fetch the data set again") from None
 
 
 def _numbers(table: pa.Table, key: str, width: int, path: Path) -> NDArray[np.float64]:
