@@ -81,9 +81,9 @@ def test_a_data_set_without_states_has_none(folder):
         ),
         (
             lambda t: with_column(t, ACTION, pa.array([[0.0] * 7] * 91)),
-            "a column 'action' that is not 8 numbers a frame",
+            "'action' that is not 8 numbers a frame",
         ),
-        (lambda t: with_column(t, ACTION, pa.array(["x"] * 91)), "a column 'action' that is not 8 numbers a frame"),
+        (lambda t: with_column(t, ACTION, pa.array(["x"] * 91)), "'action' that is not 8 numbers a frame"),
     ],
 )
 def test_what_is_wrong_with_frames_is_told(folder, change, says):
@@ -96,7 +96,7 @@ def test_what_is_wrong_with_frames_is_told(folder, change, says):
 
 def test_another_rate_in_info_is_told(folder):
     changed_info(folder, fps=50)
-    with pytest.raises(TrocarError, match="has frames at 30 Hz by their timestamps, and meta/info.json says 50 Hz"):
+    with pytest.raises(TrocarError, match=r"has frames at 30 Hz by their timestamps, and meta/info.json says 50 Hz"):
         read_episode(folder)
 
 
@@ -124,7 +124,7 @@ def test_a_missing_file_is_told(folder):
         ({"features": {}}, "lacks the feature 'action'"),
         ({"features": {"action": {"names": ["j1", "j2"]}}}, "are j1, j2: no set-points of an arm"),
         ({"features": {"action": {"names": ["a_sp.position.x", *"bcdefgh"]}}}, "has no 'a_sp.position.y'"),
-        ({"total_episodes": 1}, "--episode 1 is not allowed|--episode"),
+        ({"total_episodes": 1}, "--episode"),
     ],
 )
 def test_what_is_wrong_with_info_is_told(folder, changes, says):
@@ -134,11 +134,11 @@ def test_what_is_wrong_with_info_is_told(folder, changes, says):
 
 
 def test_a_folder_without_a_data_set_and_broken_lists_are_told(folder, tmp_path_factory):
-    with pytest.raises(TrocarError, match="has no meta/info.json"):
+    with pytest.raises(TrocarError, match=r"has no meta/info.json"):
         read_episode(tmp_path_factory.mktemp("empty"))
     for listed in (*(folder / "meta").rglob("file-*.parquet"), *(folder / "meta").glob("episodes.jsonl")):
         listed.write_bytes(listed.read_bytes()[:10])
-    with pytest.raises(TrocarError, match="it may be cut|does not list episode 0"):
+    with pytest.raises(TrocarError, match=r"it may be cut|does not list episode 0"):
         read_episode(folder)
     (folder / "meta" / "info.json").write_text("{")
     with pytest.raises(TrocarError, match="is not readable JSON"):

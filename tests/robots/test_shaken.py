@@ -5,7 +5,7 @@ import pytest
 import trio
 
 from driven import ARM, HOME, PAPER, PlainArms, running
-from trocar.arms import fk
+from trocar.arms import MotionLimits, fk
 from trocar.errors import MotionRefused
 from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
@@ -14,6 +14,7 @@ from trocar.robots import ArmGuard, Guarded
 from trocar.robots.shaken import Shaken
 
 GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.5, 0.3, -0.4])
+GENTLE = MotionLimits(PAPER.velocity, 0.5 * PAPER.acceleration)
 SLOW = rest_to_rest(HOME, GOAL, PAPER).stretched(2.0)
 
 
@@ -77,7 +78,7 @@ def test_a_motion_that_takes_over_begins_where_the_push_has_brought_the_arm():
             await trio.sleep(SLOW.duration_s / 2)
             now = arms.robot.setpoint("a")
             assert np.abs(now.q - arms.driver.setpoint("a").q).max() > 1e-4, "else there is nothing to take over"
-            back = move_to(now.q, now.velocity, HOME, PAPER).stretched(1.0)
+            back = move_to(now.q, now.velocity, HOME, GENTLE)
             result = await arms.robot.replace({"a": back})
             assert result["a"].done
         assert not first[0]["a"].done
