@@ -225,6 +225,14 @@ def export(
         str | None,
         Option(metavar="lerobot|open-h", help="LeRobot: v3.0, or v2.1 as Open-H has it.", show_default="lerobot"),
     ] = None,
+    commanded: Annotated[
+        bool,
+        Option(
+            "--commanded",
+            help="LeRobot: actions are what was sent to the controller, corrected for the cables; else what the script "
+            "asked for.",
+        ),
+    ] = False,
     successes: Annotated[bool, Option("--successes", help="LeRobot: leave out trials that missed a goal.")] = False,
     truth: Annotated[
         bool, Option("--truth", help="LeRobot: add columns that only the referee knows; no policy may see them.")
@@ -244,7 +252,8 @@ def export(
 
     if format not in (*FORMATS, MCAP, LEROBOT):
         raise InvalidInput(f"format {format!r}", "is unknown", f"choose one of {', '.join(FORMATS)}, {MCAP}, {LEROBOT}")
-    own = {"--layout": layout is not None, "--successes": successes, "--truth": truth}
+    chosen = {"commanded": commanded, "successes": successes, "truth": truth}
+    own = {"--layout": layout is not None, **{f"--{name}": given for name, given in chosen.items()}}
     for flag in (flag for flag, given in own.items() if given and format != LEROBOT):
         raise InvalidInput(flag, f"is not for --format {format}", f"drop it, or give --format {LEROBOT}")
     if format in (MCAP, LEROBOT):
@@ -255,7 +264,7 @@ def export(
     if format == MCAP:
         return _export_mcap(trials, strange, out)
     if format == LEROBOT:
-        return export_episodes(trials, strange, out, layout or LEROBOT, successes=successes, truth=truth)
+        return export_episodes(trials, strange, out, layout or LEROBOT, **chosen)
     with progress() as tick:
         written = export_trials(trials, out, format, lambda done, total: tick("writing tables", done=done, total=total))
     tables, samples, lines = {}, [], []
@@ -287,14 +296,12 @@ def _export_mcap(trials: Sequence[Trial], strange: Sequence[str], out: Path) -> 
     return Result({"out": str(out), "trials": len(trials), "left_aside": list(strange), "files": files}, lines)
 
 
-def export_episodes(
-    trials: Sequence[Trial], strange: Sequence[str], out: Path, layout: str, *, successes: bool, truth: bool
-) -> Result:
-    """Write a LeRobot data set of trials, with a progress bar."""
+def export_episodes(trials: Sequence[Trial], strange: Sequence[str], out: Path, layout: str, **chosen: bool) -> Result:
+    """Write a LeRobot data set of trials, with a progress bar; ``chosen`` as ``export_lerobot`` has them."""
     from trocar.learn.dataset import export_lerobot
 
     with progress() as tick:
-        done = export_lerobot(trials, out, layout=layout, truth=truth, successes=successes, tick=tick)
+        done = export_lerobot(trials, out, layout=layout, tick=tick, **chosen)
     left = f"; {counted(done.left_out, 'trial')} left out that missed a goal" if done.left_out else ""
     line = f"{out}: {counted(done.episodes, 'episode')}, {counted(done.frames, 'frame')}, layout {layout}{left}"
     summary = {"out": str(out), "layout": layout, "episodes": done.episodes, "frames": done.frames}

@@ -308,7 +308,7 @@ def study(
     conditions = conditions_of(
         task, folder, values=values, methods=methods, options=own, sessions=sessions, seed=seed, plugins=plugins, **run
     )
-    results, missing = _worked(folder, conditions, of_task.kind, report_only, jobs, backend, scheduler)
+    results, missing = worked(folder, conditions, of_task.kind, report_only, jobs, backend, scheduler)
     summary, tables, notes, files = write_study(folder, task.name, of_task, results, missing)
     _printed(summary, tables, notes, files).show(as_json)
 
@@ -339,7 +339,11 @@ STUDY = _Studies(
             "Print Table I of the paper and the errors of all cable models, from recordings of real arms.",
             "trocar.cli.study_calibration:calibration",
             "trocar study calibration --data data --out study --no-lstm",
-        )
+        ),
+        "demonstrations": Known(
+            "Let a method do a task in new sessions, on all cores: a LeRobot data set of it.",
+            "trocar.cli.learn:DEMONSTRATIONS",
+        ),
     },
 )
 
@@ -365,14 +369,14 @@ def sweep(
     found = Sweep.read(file)
     folder = out or Path("out") / file.stem
     points = found.points(folder, [str(path.absolute()) for path in plugin or ()])
-    results, missing = _worked(folder, conditions_of(points), KIND, report_only, jobs, backend, scheduler)
+    results, missing = worked(folder, conditions_of(points), KIND, report_only, jobs, backend, scheduler)
     rows = {one.condition.folder: one.rows for one in results}
     figures = [figure for point in points if (figure := figures_of(point, rows)) is not None]
     summary, files = write_sweep(folder, found.task.name, figures, missing)
     return _printed(summary, tables_of(figures), summary["notes"], files)
 
 
-def _worked(
+def worked(
     folder: Path,
     conditions: Sequence[Condition],
     kind: RowKind[Any],

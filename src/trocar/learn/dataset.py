@@ -60,6 +60,7 @@ def export_lerobot(
     folder: str | Path,
     *,
     layout: str = "lerobot",
+    commanded: bool = False,
     truth: bool = False,
     successes: bool = False,
     tick: Tick = untold,
@@ -70,6 +71,7 @@ def export_lerobot(
         trials: each is read once.
         folder: made if it is not there.
         layout: ``lerobot`` (v3.0), or ``open-h`` (v2.1 with ``meta/modality.json``).
+        commanded: whether actions are what was sent to the controller, instead of what the script asked for.
         truth: whether columns that only the referee knows are added.
         successes: whether trials that missed a goal are left out.
         tick: called with the progress.
@@ -91,7 +93,7 @@ def export_lerobot(
         frames = 0
         for number, trial in enumerate(trials):
             tick("writing episodes", number, len(trials))
-            episode = episode_of(trial, truth=truth)
+            episode = episode_of(trial, commanded=commanded, truth=truth)
             if successes and not episode.about["success"]:
                 left_out += 1
                 continue

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import interp1d
 
 from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
@@ -55,51 +56,54 @@ class Episode:
         return len(self.columns[STATE])
 
 
-def episode_of(trial: Trial, *, truth: bool = False) -> Episode:
+def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) -> Episode:
     """Return a trial as an episode.
 
-    Frame k is the tick of 10 ms at or before k / 30 s: nothing is interpolated. Its state is what the encoders read
-    there; its action what the script asked for by the next frame, before cables were compensated.
+    Frame k is at k / 30 s; joints are interpolated between the ticks of 10 ms before and after it. Its state is what
+    the encoders read there; its action what the script asked for by the next frame, before cables were compensated.
 
     Args:
         trial: a finished trial.
+        commanded: whether its actions are what was sent to the controller instead, corrected for the cables.
         truth: whether columns that only the referee knows are added.
 
     Raises:
         InvalidInput: it has fewer than two frames, or its truth is asked for and nobody knows it.
     """
     arms = [str(arm) for arm in trial.about["arms"]]
-    ticks = np.floor(np.arange(0, trial.times_s[-1] * FPS + 1e-6) / FPS / trial.scenery.tick_s + 1e-6).astype(int)
+    times_s = np.arange(0, trial.times_s[-1] * FPS + 1e-6) / FPS
     which = f"session {trial.about['session']}, trial {trial.about['index']}"
-    if len(ticks) < 2:
+    if len(times_s) < 2:
         raise InvalidInput(which, "is shorter than two frames", "leave it out")
     if truth and trial.on_robot:
         raise InvalidInput(which, "is of real arms, whose truth nobody knows", "drop --truth")
-    following = np.append(ticks[1:], len(trial.times_s) - 1)
-    scenery, times_s = trial.scenery, ticks * trial.scenery.tick_s
+    following, scenery = np.append(times_s[1:], trial.times_s[-1]), trial.scenery
 
-    def of_arms(kind: str, at: NDArray[np.int64], bases: Mapping[str, SE3]) -> NDArray[np.float32]:
-        rows = {arm: trial.arrays[f"{kind}_{arm}"][at].astype(np.float64) for arm in arms}
-        return np.hstack([vectors(scenery.arms[arm], bases[arm], rows[arm]) for arm in arms]).astype(np.float32)
+    def joints(kind: str, arm: str, at_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        return interp1d(trial.times_s, trial.arrays[f"{kind}_{arm}"].astype(np.float64), axis=0)(at_s)
+
+    def of_arms(kind: str, at_s: NDArray[np.float64], bases: Mapping[str, SE3]) -> NDArray[np.float32]:
+        return np.hstack([vectors(scenery.arms[a], bases[a], joints(kind, a, at_s)) for a in arms]).astype(np.float32)
 
     names: dict[str, list[str]] = {STATE: state_names(arms), ACTION: action_names(arms)}
     columns: dict[str, NDArray[Any]] = {
-        STATE: of_arms("measured", ticks, scenery.T_world_base_registered),
-        ACTION: of_arms("desired", following, scenery.T_world_base_registered),
+        STATE: of_arms("measured", times_s, scenery.T_world_base_registered),
+        ACTION: of_arms("commanded" if commanded else "desired", following, scenery.T_world_base_registered),
     }
     steps, of_step = _numbered(_steps(trial, arms, times_s))
     phases, of_phase = _numbered(name for frame in _phases(trial, arms, times_s) for name in frame)
     columns[STEP], columns[PHASE] = of_step[:, None], of_phase.reshape(-1, len(arms))
-    columns[REWARD] = _rewards(trial, len(ticks))[:, None]
-    columns[DONE] = (np.arange(len(ticks)) == len(ticks) - 1)[:, None]
+    columns[REWARD] = _rewards(trial, len(times_s))[:, None]
+    columns[DONE] = (np.arange(len(times_s)) == len(times_s) - 1)[:, None]
     names |= {STEP: ["step"], PHASE: arms, REWARD: ["goals_reached"], DONE: ["done"]}
     if truth:
-        poses = of_arms("true", ticks, scenery.T_world_base)
-        found = {"poses": poses, "joints": np.hstack([trial.arrays[f"true_{arm}"][ticks] for arm in arms])}
+        poses = of_arms("true", times_s, scenery.T_world_base)
+        found = {"poses": poses, "joints": np.hstack([joints("true", arm, times_s) for arm in arms])}
         names[f"{TRUTH}poses"] = [name.replace("_pose", "_true").replace("_jaw", "_jaw_true") for name in names[STATE]]
         names[f"{TRUTH}joints"] = [f"{arm}_{joint}" for arm in arms for joint in (*_JOINTS, "jaw")]
         bodies = {key: rows for key, rows in trial.arrays.items() if key.startswith("body_")}
         if bodies:
+            ticks = np.rint(times_s / scenery.tick_s).astype(int)
             found["bodies"] = np.hstack([rows[ticks][:, [0, 1, 2, 4, 5, 6, 3]] for rows in bodies.values()])
             parts = [name.removeprefix("_pose") for name in state_names([""])[:-1]]
             names[f"{TRUTH}bodies"] = [key.removeprefix("body_") + part for key in bodies for part in parts]
@@ -110,7 +114,7 @@ def episode_of(trial: Trial, *, truth: bool = False) -> Episode:
     }
     task = " ".join(str(trial.about[key]).replace("-", " ") for key in ("task", "variant") if trial.about[key])
     images = {name: taken for name, taken in images.items() if taken}
-    return Episode(columns, names, task, steps, phases, images, _about(trial))
+    return Episode(columns, names, task, steps, phases, images, {"commanded": commanded, **_about(trial)})
 
 
 _JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
@@ -123,7 +127,7 @@ def _about(trial: Trial) -> dict[str, Any]:
     return {
         **{key: trial.about[key] for key in ("fingerprint", "seed", "session", "method", "station", "difficulty")},
         "trial": trial.about["index"],
-        "success": trial.finished and bool(counts) and reached == len(counts),
+        "success": succeeded(trial),
         "goals_attempted": len(counts),
         "goals_reached": reached,
         "failures": sorted({score["failure"] for score in counts if score["failure"]}),
@@ -132,6 +136,12 @@ def _about(trial: Trial) -> dict[str, Any]:
         "goals": [{key: score[key] for key in ("succeeded", "failure", "start_s", "end_s")} for score in counts],
         "spans": [list(asdict(span).values()) for span in trial.spans],
     }
+
+
+def succeeded(trial: Trial) -> bool:
+    """Return whether a trial came to its end and reached all goals that it attempted."""
+    counts = [bool(score["succeeded"]) for score in trial.scores if score["attempted"]]
+    return trial.finished and bool(counts) and all(counts)
 
 
 def _numbered(words: Iterable[str]) -> tuple[list[str], NDArray[np.int64]]:

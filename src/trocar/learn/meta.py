@@ -236,6 +236,11 @@ def readme(folder: Path, episodes: Sequence[Written], layout: str, tasks: Sequen
     robot = episodes[0].robot if episodes else ""
     cameras = [key.removeprefix(IMAGES) for key in episodes[0].cameras] if episodes else []
     from_where = sorted({f"method {e.about['method']}, station {e.about['station']}" for e in episodes})
+    real = bool(episodes) and episodes[0].about["collisions"] is None  # only a referee counts them
+    source = "real arms, nothing synthetic" if real else "synthetic, a simulated cell"
+    sent = bool(episodes) and episodes[0].about["commanded"]
+    asked = "what the script asked for, before cables were compensated,"
+    actions = "what was sent to the controller, corrected for the cables where a method does that," if sent else asked
     text = f"""---
 tags: [LeRobot, surgical-robotics]
 ---
@@ -244,24 +249,23 @@ tags: [LeRobot, surgical-robotics]
 ## Dataset description
 
 {counted(len(episodes), "episode")}, {frames} frames at {FPS} Hz, {reached} episodes that reached all their goals.
-Tasks: {"; ".join(tasks)}. Source: synthetic, of a simulated cell, unless `station` names a real one
-({"; ".join(from_where)}).
+Tasks: {"; ".join(tasks)}. Source: {source} ({"; ".join(from_where)}).
 
 ## Robot
 
-`{robot}`: arms that work through a remote centre of motion. `observation.state` is what the encoders read and `action`
-what the script asked for by the next frame, before cables were compensated: for each arm the tip's position (m),
-orientation (quaternion xyzw) and jaw (rad), in the world, by the base as it was registered. The cables err: the tip
-was not where the encoders say. Columns `truth.*`, if there are any, are a referee's; no policy may see them.
+`{robot}`: arms that work through a remote centre of motion. `observation.state` is what the encoders read, `action`
+{actions} by the next frame: for each arm the tip's position (m), orientation
+(quaternion xyzw) and jaw (rad), in the world, by the base as it was registered. The cables err: the tip was not where
+the encoders say. Columns `truth.*`, if there are any, are a referee's; no policy may see them.
 
 ## Sensors
 
-Encoders, at the tick of 10 ms at or before each frame. Cameras: {", ".join(cameras) or "none"}; a camera takes few
+Encoders, read every 10 ms. Cameras: {", ".join(cameras) or "none"}; a camera takes few
 images, and each is shown until the next one; before the first, the picture is black.
 
 ## Synchronization
 
-One clock; nothing is interpolated.
+One clock. Joints are interpolated linearly between two ticks of 10 ms; bodies (`truth.bodies`) are at the nearest one.
 
 ## Collection procedure
 
