@@ -8,6 +8,7 @@ EXTRAS = {
     "view": ("viser",),
     "parquet": ("pyarrow",),
     "lerobot": ("pyarrow", "av"),
+    "gym": ("gymnasium",),
     "dask": ("distributed",),
     "crtk": ("cyclonedds",),
     "bags": ("rosbags", "mcap"),
