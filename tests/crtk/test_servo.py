@@ -27,7 +27,9 @@ def played(stream, seconds, start=ZERO):
             points.add(np.array(to), q, came_s, stamp_s)
         before, goal = goal, points.at(now_s)
         if goal is not None:
-            move = step_towards(goal, (goal - (goal if before is None else before)) / TICK_S, q, velocity, LIMITS, TICK_S)
+            move = step_towards(
+                goal, (goal - (goal if before is None else before)) / TICK_S, q, velocity, LIMITS, TICK_S
+            )
             q, velocity = move(TICK_S), move(TICK_S, 1)
         rows.append((q, velocity))
     return map(np.array, zip(*rows, strict=True))

@@ -169,7 +169,7 @@ def test_bad_options_are_refused(options, said):
 
 
 def test_a_reset_to_a_session_that_is_not_there_is_refused(peg):
-    with pytest.raises(InvalidValue, match="the session of reset.. is 99; give 0 to 9"):
+    with pytest.raises(InvalidValue, match=r"the session of reset\(\) is 99; give 0 to 9"):
         peg.reset(options={"session": 99})
     with pytest.raises(UnknownName, match="'scene'"):
         peg.reset(options={"scene": 1})

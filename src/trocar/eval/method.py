@@ -127,12 +127,12 @@ class Method:
 
 def listed_settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield name and value of each setting; those inside another one have a dot in their name."""
-    for field in fields(settings) if _has_fields(settings) else ():
-        value = getattr(settings, field.name)
+    for one in fields(settings) if _has_fields(settings) else ():
+        value = getattr(settings, one.name)
         if _has_fields(value):
-            yield from listed_settings(value, f"{prefix}{field.name}.")
+            yield from listed_settings(value, f"{prefix}{one.name}.")
         else:
-            yield prefix + field.name, value
+            yield prefix + one.name, value
 
 
 def _has_fields(value: Any) -> bool:

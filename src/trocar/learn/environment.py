@@ -20,8 +20,17 @@ from trocar.eval.run import compensated
 from trocar.eval.scenery import Scenery
 from trocar.eval.staged import StagedTrial
 from trocar.eval.task import TASKS, Task
-from trocar.learn.control import IMAGES, OBSERVATIONS, PRIVILEGED, STATE, Answer, Control, Eyes
-from trocar.learn.control import image_shape, observation_bounds
+from trocar.learn.control import (
+    IMAGES,
+    OBSERVATIONS,
+    PRIVILEGED,
+    STATE,
+    Answer,
+    Control,
+    Eyes,
+    image_shape,
+    observation_bounds,
+)
 from trocar.registry import Lazy, load_plugin
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory

@@ -1,4 +1,4 @@
-"""Policies from outside: a function in a module or a file, a folder, or a server; each answers in time or is refused."""
+"""Policies from outside: a function in a module or a file, a folder, a server; each answers in time or is refused."""
 
 from __future__ import annotations
 

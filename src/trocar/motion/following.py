@@ -19,9 +19,9 @@ def step_towards(
 ) -> Trajectory:
     """Return a motion that follows a goal for a period, as near as the limits allow, and comes to rest after that.
 
-    A goal that itself keeps the limits is followed, as the quadratic B-spline of its periods does: exactly where it is at
-    rest or its speed is constant, and half a period late. One that jumps, or was not heard of for a while, is caught up
-    with as fast as can be without overshoot. The motion's end takes place only if no other takes over: a stream that
+    A goal that itself keeps the limits is followed, as the quadratic B-spline of its periods does: exactly where it is
+    at rest or its speed is constant, and half a period late. One that jumps, or was not heard of for a while, is caught
+    up with as fast as can be without overshoot. The motion's end takes place only if no other takes over: a stream that
     breaks off ends within limits.
 
     Args:
