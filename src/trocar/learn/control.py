@@ -15,7 +15,7 @@ from trocar.errors import InvalidInput, InvalidValue, MotionRefused, UnknownName
 from trocar.geometry import SE3, SO3
 from trocar.learn.poses import WIDTH, action_names, state_names, vectors
 from trocar.motion.following import step_towards
-from trocar.perception.image import Image, Intrinsics, RgbdImage, StereoWindow, Window
+from trocar.perception.image import CameraModel, Image, Intrinsics, RgbdImage, StereoWindow, Window
 from trocar.robots import TICK_S
 
 JOINTS, CARTESIAN, ABSOLUTE = "joints", "cartesian", "cartesian-absolute"
@@ -248,15 +248,15 @@ class Eyes:
         return found
 
 
-def image_shape(model: object) -> tuple[int, int, int]:
+def image_shape(model: CameraModel) -> tuple[int, int, int]:
     """Return height, width and 3 of a camera's image; both eyes lie abreast."""
-    eyes = [model] if isinstance(model, Intrinsics) else [model.left, model.right]  # type: ignore[attr-defined]
+    eyes = [model] if isinstance(model, Intrinsics) else [model.left, model.right]
     return eyes[0].height, sum(eye.width for eye in eyes), 3
 
 
-def _whole(model: object) -> Window | StereoWindow:
+def _whole(model: CameraModel) -> Window | StereoWindow:
     """Return the window of all pixels: a camera keeps only images without a window, and these are too many."""
     if isinstance(model, Intrinsics):
         return Window((0, 0), (model.width, model.height))
-    eyes = [Window((0, 0), (eye.width, eye.height)) for eye in (model.left, model.right)]  # type: ignore[attr-defined]
-    return StereoWindow(*eyes)
+    left, right = (Window((0, 0), (eye.width, eye.height)) for eye in (model.left, model.right))
+    return StereoWindow(left, right)

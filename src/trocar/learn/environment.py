@@ -34,7 +34,7 @@ from trocar.learn.control import (
 from trocar.registry import Lazy, load_plugin
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
-from trocar.sim.offscreen import OffscreenCamera
+from trocar.sim.offscreen import OffscreenCamera, handled
 from trocar.sim.pace import Stepping
 from trocar.sim.record import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
@@ -127,7 +127,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         control, cell, world = self._control, self._laboratory.cell, self._laboratory.world
         self._bodies = world.free_bodies
         boxes = {name: spaces.Box(*_float32(low, high)) for name, (low, high, _) in self._bounds().items()}
-        found: dict[str, spaces.Box] = boxes if STATE in self._observed else {}
+        found: dict[str, spaces.Box[Any]] = dict(boxes) if STATE in self._observed else {}
         if IMAGES in self._observed:
             for name, camera in cell.cameras.items():
                 found[f"{IMAGES}.{name}"] = spaces.Box(0, 255, image_shape(camera.model), np.uint8)
@@ -279,7 +279,9 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         if self._draw is None:
             report = type(self.config.task).report
             report = report.load() if isinstance(report, Lazy) else report
-            self._draw = OffscreenCamera(replay, getattr(report, "view", None), getattr(report, "colours", None))
+            tips = [tool.p_world_driven_m for name, tool in replay.tools.items() if name in self.config.arms]
+            shown = getattr(report, "view", None), getattr(report, "colours", None)
+            self._draw = OffscreenCamera(replay, *shown, frame_m=np.concatenate([handled(replay), *tips]))
         return self._draw.picture(now_s, replay)
 
     def _show(self, now_s: float, arrays: Mapping[str, NDArray[np.float64]]) -> None:
