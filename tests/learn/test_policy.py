@@ -5,7 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-import trocar
+import trocar as package
+from commands import trocar  # noqa: F401 (a fixture)
 from trocar.errors import BadFile, InvalidInput
 from trocar.learn.policy import load_policy, policy_digest
 
@@ -134,7 +135,7 @@ def test_a_server_is_asked_line_by_line():
 )
 def test_a_policy_is_an_agent_whose_trials_are_kept(file, tmp_path, name, ended, said):
     policy = f"{file}:{name}"
-    trials = trocar.run(
+    trials = package.run(
         "peg-transfer",
         transfers=1,
         budget_s=1.0,
@@ -145,3 +146,18 @@ def test_a_policy_is_an_agent_whose_trials_are_kept(file, tmp_path, name, ended,
     (trial,) = trials
     assert trial.ended == ended and said in trial.reason
     assert len(trial.scores) == 1 and not trial.scores[0]["succeeded"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--method", "policy"], "names no policy; give --policy"),
+        (["--policy", "{file}:still"], "give --method policy or policy-calibrated"),
+        (["--method", "policy", "--policy", "{file}:missing"], "has no missing"),
+    ],
+)
+def test_the_command_line_refuses_before_anything_is_written(trocar, file, tmp_path, words, said):  # noqa: F811
+    out = tmp_path / "out"
+    code, _, err = trocar("run", "peg-transfer", "--out", out, *(word.format(file=file) for word in words))
+    assert code == 2 and said in err
+    assert not out.exists()
