@@ -7,6 +7,8 @@ EXTRAS = {
     "learn": ("jax", "equinox", "optax"),
     "view": ("viser",),
     "parquet": ("pyarrow",),
+    "lerobot": ("pyarrow", "av"),
+    "gym": ("gymnasium",),
     "dask": ("distributed",),
     "crtk": ("cyclonedds",),
     "bags": ("rosbags", "mcap"),

@@ -12,6 +12,7 @@ from functools import cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from trocar.errors import BadFile, InvalidInput, TrocarError, UnknownName
@@ -42,6 +43,9 @@ class Registry(Mapping[str, T], Generic[T]):
         group: of the entry points.
         builtin: name to thing, or :class:`Lazy` where importing it is expensive.
         check: called with a name and what is registered there by somebody else; raises a sentence if it cannot be used.
+
+    Attributes:
+        listeners: called with each name that is registered from now on.
     """
 
     def __init__(
@@ -54,6 +58,7 @@ class Registry(Mapping[str, T], Generic[T]):
     ):
         self.what, self.group, self._check = what, group, check
         self._known: dict[str, Any] = dict(builtin or {})
+        self.listeners: list[Callable[[str], object]] = []
 
     @cached_property
     def _installed(self) -> dict[str, Any]:
@@ -96,6 +101,8 @@ class Registry(Mapping[str, T], Generic[T]):
         if self._check is not None and not isinstance(thing, Lazy):
             self._check(name, thing)
         self._known[name] = thing
+        for listener in self.listeners:
+            listener(name)
         return thing
 
     def forget(self, name: str) -> None:
@@ -129,7 +136,18 @@ def load_plugin(path: str | Path) -> str:
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     if _LOADED.get(str(file)) == digest:
         return digest
-    name = f"{PLUGIN_MODULE}{file.stem}"
+    load_file(path, f"{PLUGIN_MODULE}{file.stem}", kind="plugin")
+    _LOADED[str(file)] = digest
+    return digest
+
+
+def load_file(path: str | Path, name: str, *, kind: str) -> ModuleType:
+    """Run a Python file as the module of this name, and return it.
+
+    Raises:
+        BadFile: it cannot be read, or raises an error.
+    """
+    file = Path(path).resolve()
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None and spec.loader is not None  # it is a .py file
     module = importlib.util.module_from_spec(spec)
@@ -137,10 +155,8 @@ def load_plugin(path: str | Path) -> str:
     try:
         spec.loader.exec_module(module)
     except TrocarError as error:
-        raise BadFile(path, f"is refused{_line_of(error, file)}: {error}", kind="plugin") from error
+        raise BadFile(path, f"is refused{_line_of(error, file)}: {error}", kind=kind) from error
     except (Exception, SystemExit) as error:
-        raise BadFile(
-            path, f"cannot be loaded{_line_of(error, file)}: {type(error).__name__}: {error}", kind="plugin"
-        ) from error
-    _LOADED[str(file)] = digest
-    return digest
+        problem = f"cannot be loaded{_line_of(error, file)}: {type(error).__name__}: {error}"
+        raise BadFile(path, problem, kind=kind) from error
+    return module

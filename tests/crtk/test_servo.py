@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from trocar.arms import MotionLimits
-from trocar.crtk.servo import DELAY_S, SetPoints, step_towards
+from trocar.crtk.servo import DELAY_S, SetPoints
+from trocar.motion.following import step_towards
 from trocar.robots import TICK_S
 
 LIMITS = MotionLimits(np.array([1.0, 0.5]), np.array([8.0, 4.0]))
@@ -26,7 +27,9 @@ def played(stream, seconds, start=ZERO):
             points.add(np.array(to), q, came_s, stamp_s)
         before, goal = goal, points.at(now_s)
         if goal is not None:
-            move = step_towards(goal, (goal - (goal if before is None else before)) / TICK_S, q, velocity, LIMITS)
+            move = step_towards(
+                goal, (goal - (goal if before is None else before)) / TICK_S, q, velocity, LIMITS, TICK_S
+            )
             q, velocity = move(TICK_S), move(TICK_S, 1)
         rows.append((q, velocity))
     return map(np.array, zip(*rows, strict=True))
@@ -128,7 +131,7 @@ def test_a_stream_that_breaks_off_is_braked_and_returns_to_its_last_set_point():
 
 
 def test_a_motion_whose_next_step_never_comes_ends_at_rest_within_the_limits():
-    move = step_towards(np.array([0.01, 0.0]), np.array([1.0, 0.0]), ZERO, np.array([1.0, 0.0]), LIMITS)
+    move = step_towards(np.array([0.01, 0.0]), np.array([1.0, 0.0]), ZERO, np.array([1.0, 0.0]), LIMITS, TICK_S)
     times = np.arange(0, move.duration_s, 1e-3)
     assert np.abs(move(times, 2)).max() <= LIMITS.acceleration[0] + 1e-9
     assert move(move.duration_s, 1) == pytest.approx(ZERO, abs=1e-12)

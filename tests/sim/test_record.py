@@ -45,7 +45,7 @@ def test_every_tick_has_joints_jaws_bodies_and_tips(world):
         return SimpleNamespace(q=PSM_CLASSIC.middle + by, jaw_rad=0.3 + by)
 
     robot = SimpleNamespace(read=lambda name: told(0.02), setpoint=lambda name: told(0.01))
-    recorder, rng = Recorder(world, robot), np.random.default_rng(0)
+    recorder, rng = Recorder(world, robot, lambda name: 0.25), np.random.default_rng(0)
     recorder.desired_of = SimpleNamespace(setpoint=lambda name: told(0.0))
     placed = {name: [] for name in BODIES}
     for tick in range(3):
@@ -63,7 +63,7 @@ def test_every_tick_has_joints_jaws_bodies_and_tips(world):
     true = [np.append(PSM_CLASSIC.middle + 0.03 * tick, 0.2) for tick in range(3)]
     assert_allclose(record.joints["a"], true)
     assert_allclose(record.T_world_tip["a"].matrix, (PLACED @ fk(PSM_CLASSIC, np.array(true)[:, :6])).matrix)
-    for kind, by, jaw_rad in (("desired", 0.0, 0.2), ("commanded", 0.01, 0.2), ("measured", 0.02, 0.32)):
+    for kind, by, jaw_rad in (("desired", 0.0, 0.25), ("commanded", 0.01, 0.25), ("measured", 0.02, 0.32)):
         assert_allclose(recorder.joints(kind)["a"], [np.append(PSM_CLASSIC.middle + by, jaw_rad)] * 3)
 
 

@@ -110,6 +110,14 @@ STATION = {
     ),
 }
 
+IMPORT = {
+    "lerobot": Known(
+        "Replay the commands of a LeRobot data set in the cell, on cables that err, and tell how far tips were off.",
+        "trocar.cli.learn:import_lerobot",
+        "trocar import lerobot out/episodes --task peg-transfer --episode 0",
+    )
+}
+
 COMMANDS = {
     "run": Known(
         "Run trials of a task in the simulated cell, score them, and keep files and pictures.", "trocar.cli.run:RUN"
@@ -130,10 +138,11 @@ COMMANDS = {
         "trocar view out/ten --trial 3",
     ),
     "export": Known(
-        "Write saved trials as flat tables (goals, spans, events, collisions, joints, ...), or as MCAP for Foxglove.",
+        "Write saved trials as flat tables (goals, spans, events, ...), as MCAP for Foxglove, or for LeRobot.",
         "trocar.cli.report:export",
         "trocar export out/ten --out out/tables --format parquet",
     ),
+    "import": Known("Replay what others recorded in the cell.", members=IMPORT),
     "calibrate": Known(
         "Collect recordings of commanded and measured joints, fit cable models to them, and evaluate these.",
         members=CALIBRATE,

@@ -23,8 +23,8 @@ from trocar.files.output import make_folder
 if TYPE_CHECKING:
     from trocar.eval.trial import Trial
 
-MCAP = "mcap"
-"""Format of recordings, beside those of tables."""
+MCAP, LEROBOT = "mcap", "lerobot"
+"""Formats of recordings and of data sets, beside those of tables."""
 
 
 def report(
@@ -217,29 +217,54 @@ def export(
     format: Annotated[
         str,
         Option(
-            metavar="csv|parquet|mcap",
-            help="Tables as CSV or Parquet, or a recording of ROS 2 messages for each trial.",
+            metavar="csv|parquet|mcap|lerobot",
+            help="Tables as CSV or Parquet, a recording of ROS 2 messages for each trial, or a data set for learning.",
         ),
     ] = "csv",
+    layout: Annotated[
+        str | None,
+        Option(metavar="lerobot|open-h", help="LeRobot: v3.0, or v2.1 as Open-H has it.", show_default="lerobot"),
+    ] = None,
+    commanded: Annotated[
+        bool,
+        Option(
+            "--commanded",
+            help="LeRobot: actions are what was sent to the controller, corrected for the cables; else what the script "
+            "asked for.",
+        ),
+    ] = False,
+    successes: Annotated[bool, Option("--successes", help="LeRobot: leave out trials that missed a goal.")] = False,
+    truth: Annotated[
+        bool, Option("--truth", help="LeRobot: add columns that only the referee knows; no policy may see them.")
+    ] = False,
 ) -> Result:
-    """Write saved trials as flat tables (goals, spans, events, collisions, joints, ...), or as MCAP for Foxglove.
+    """Write saved trials as flat tables (goals, spans, events, ...), as MCAP for Foxglove, or for LeRobot.
 
     Tables have a row for each goal, span and so on of all trials, and in the folder 'samples' a table for each trial:
     joints as asked, commanded, measured and true, jaws, tips, bodies. 'columns' says what each column means.
 
     MCAP has a file for each trial: joints, jaws, tips, bodies and their solids, images, spans, events.
+
+    LeRobot has an episode for each trial: what arms measured and were asked for at 30 Hz, steps, images as videos.
+    Interrupted, it keeps what it wrote; the same command continues.
     """
     from trocar.report.export import FORMATS, export_trials  # SciPy only when needed
 
-    if format not in (*FORMATS, MCAP):
-        raise InvalidInput(f"format {format!r}", "is unknown", f"choose one of {', '.join(FORMATS)}, {MCAP}")
-    if format == MCAP:
-        need("bags")
+    if format not in (*FORMATS, MCAP, LEROBOT):
+        raise InvalidInput(f"format {format!r}", "is unknown", f"choose one of {', '.join(FORMATS)}, {MCAP}, {LEROBOT}")
+    chosen = {"commanded": commanded, "successes": successes, "truth": truth}
+    own = {"--layout": layout is not None, **{f"--{name}": given for name, given in chosen.items()}}
+    for flag in (flag for flag, given in own.items() if given and format != LEROBOT):
+        raise InvalidInput(flag, f"is not for --format {format}", f"drop it, or give --format {LEROBOT}")
+    if format in (MCAP, LEROBOT):
+        need({MCAP: "bags", LEROBOT: "lerobot"}[format])
     trials, strange = _chosen(run)
     for sentence in strange:
         beside().print(sentence, soft_wrap=True)
     if format == MCAP:
         return _export_mcap(trials, strange, out)
+    if format == LEROBOT:
+        return export_episodes(trials, strange, out, layout or LEROBOT, **chosen)
     with progress() as tick:
         written = export_trials(trials, out, format, lambda done, total: tick("writing tables", done=done, total=total))
     tables, samples, lines = {}, [], []
@@ -269,6 +294,19 @@ def _export_mcap(trials: Sequence[Trial], strange: Sequence[str], out: Path) -> 
         for name, counts in files.items()
     ]
     return Result({"out": str(out), "trials": len(trials), "left_aside": list(strange), "files": files}, lines)
+
+
+def export_episodes(trials: Sequence[Trial], strange: Sequence[str], out: Path, layout: str, **chosen: bool) -> Result:
+    """Write a LeRobot data set of trials, with a progress bar; ``chosen`` as ``export_lerobot`` has them."""
+    from trocar.learn.dataset import export_lerobot
+
+    with progress() as tick:
+        done = export_lerobot(trials, out, layout=layout, tick=tick, **chosen)
+    left = f"; {counted(done.left_out, 'trial')} left out that missed a goal" if done.left_out else ""
+    line = f"{out}: {counted(done.episodes, 'episode')}, {counted(done.frames, 'frame')}, layout {layout}{left}"
+    summary = {"out": str(out), "layout": layout, "episodes": done.episodes, "frames": done.frames}
+    summary |= {"features": done.features, "left_out": done.left_out, "left_aside": list(strange)}
+    return Result(summary, [line])
 
 
 def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:

@@ -24,7 +24,7 @@ from trocar.cli.report import finish
 from trocar.cli.terminal import beside, rich_table
 from trocar.counting import counted
 from trocar.errors import BadFile, InvalidInput, UnknownName
-from trocar.eval import TASKS, Task, methods_of, perceptions_of, pick_method
+from trocar.eval import TASKS, Task, methods_of, methods_of_any, perceptions_of, pick_method
 from trocar.eval.config import RunConfig
 from trocar.interruption import CtrlC
 from trocar.registry import PLUGIN_MODULE
@@ -48,6 +48,7 @@ CacheFolder = Annotated[
     ),
 ]
 ABOUT_RAISE = "Stop at an exception of the agent, which else ends its trial only."
+ABOUT_POLICY = "With --method policy: a folder, FILE.py:function, module:function or tcp://HOST:PORT."
 Jobs = Annotated[int | None, Option(min=1, help="How many trials to run at once.", show_default="one per core")]
 Backend = Annotated[str, Option(help="Where the work is done: processes, dask.")]
 Scheduler = Annotated[
@@ -112,7 +113,7 @@ class TaskGroup(Group):
     def command(self, task: type[Task]) -> Any:
         """Return the command of one task: the options of its runs, those of the group's ``body``, and its own."""
         hints = inspect.get_annotations(RunConfig, eval_str=True)
-        known = {"method": methods_of(task), "perception": perceptions_of(task)}
+        known = {"method": (*methods_of(task), *methods_of_any()), "perception": perceptions_of(task)}
         parameters = [_parameter(OF_RUN[name], hints[name], choices=known.get(name, ())) for name in self.of_run]
         of_body = inspect.signature(self.body, eval_str=True).parameters.values()
         parameters += [one for one in of_body if one.name not in ("task", "options", "run")]
@@ -205,6 +206,7 @@ def run(
     cache: CacheFolder = None,
     enable_motion: Annotated[bool, Option("--enable-motion", help="With --robot: let the arms move.")] = False,
     yes: Annotated[bool, Option("--yes", help="With --robot: do not ask before the arms move.")] = False,
+    policy: Annotated[str, Option(metavar="WHAT", help=ABOUT_POLICY)] = "",
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -218,7 +220,7 @@ def run(
         os.environ[CACHE] = str(cache)  # for this process, and those that it starts
     if raise_errors and jobs != 1:
         raise InvalidInput("--raise", "has no effect on trials in other processes", "drop --jobs")
-    config = RunConfig(task(**options), **run, plugins=tuple(map(str, plugin or ())))
+    config = RunConfig(task(**options), **_with_policy(run, policy), plugins=tuple(map(str, plugin or ())))
     if config.robot:
         from trocar.cli.robot import run_robot
 
@@ -253,6 +255,23 @@ def run(
     all_succeeded = finish(folder, as_json, interrupted)
     if interrupted or (strict and not all_succeeded):
         raise typer.Exit(130 if interrupted else 1)
+
+
+def _with_policy(run: Mapping[str, Any], policy: str) -> dict[str, Any]:
+    """Return the options of a run with those of its policy, which is tried out before anything is written."""
+    asked = run["method"] in methods_of_any()
+    if asked and not policy:
+        raise InvalidInput(f"--method {run['method']}", "names no policy", "give --policy DIR, or module:function")
+    if not policy:
+        return dict(run)
+    if not asked:
+        remedy = f"give --method {' or '.join(methods_of_any())}"
+        raise InvalidInput(f"--policy {policy}", "is used by another method than the one chosen", remedy)
+    from trocar.learn.policy import load_policy, policy_digest
+
+    with load_policy(policy):
+        settings = f"policy={policy}", f"policy_digest={policy_digest(policy)}"
+    return {**run, "settings": (*settings, *run["settings"])}
 
 
 class _Runs(TaskGroup):
@@ -308,7 +327,7 @@ def study(
     conditions = conditions_of(
         task, folder, values=values, methods=methods, options=own, sessions=sessions, seed=seed, plugins=plugins, **run
     )
-    results, missing = _worked(folder, conditions, of_task.kind, report_only, jobs, backend, scheduler)
+    results, missing = worked(folder, conditions, of_task.kind, report_only, jobs, backend, scheduler)
     summary, tables, notes, files = write_study(folder, task.name, of_task, results, missing)
     _printed(summary, tables, notes, files).show(as_json)
 
@@ -339,7 +358,11 @@ STUDY = _Studies(
             "Print Table I of the paper and the errors of all cable models, from recordings of real arms.",
             "trocar.cli.study_calibration:calibration",
             "trocar study calibration --data data --out study --no-lstm",
-        )
+        ),
+        "demonstrations": Known(
+            "Let a method do a task in new sessions, on all cores: a LeRobot data set of it.",
+            "trocar.cli.learn:DEMONSTRATIONS",
+        ),
     },
 )
 
@@ -365,14 +388,14 @@ def sweep(
     found = Sweep.read(file)
     folder = out or Path("out") / file.stem
     points = found.points(folder, [str(path.absolute()) for path in plugin or ()])
-    results, missing = _worked(folder, conditions_of(points), KIND, report_only, jobs, backend, scheduler)
+    results, missing = worked(folder, conditions_of(points), KIND, report_only, jobs, backend, scheduler)
     rows = {one.condition.folder: one.rows for one in results}
     figures = [figure for point in points if (figure := figures_of(point, rows)) is not None]
     summary, files = write_sweep(folder, found.task.name, figures, missing)
     return _printed(summary, tables_of(figures), summary["notes"], files)
 
 
-def _worked(
+def worked(
     folder: Path,
     conditions: Sequence[Condition],
     kind: RowKind[Any],

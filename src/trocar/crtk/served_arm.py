@@ -25,10 +25,11 @@ from trocar.crtk.messages import (
     WrenchStamped,
 )
 from trocar.crtk.reports import ArmReport
-from trocar.crtk.servo import SetPoints, step_towards
+from trocar.crtk.servo import SetPoints
 from trocar.errors import InvalidInput, InvalidValue, TrocarError
 from trocar.geometry import SE3
 from trocar.motion import move_to
+from trocar.motion.following import step_towards
 from trocar.robots import TICK_S
 from trocar.robots.driver import Driver
 from trocar.sim.laboratory import SimLaboratory
@@ -204,7 +205,7 @@ class ServedArm:
         now = self._driver.setpoint(self._name)
         if np.abs(goal - now.q).max() > SAME or np.abs(now.velocity).max() > SAME:
             goal_velocity = (goal - (goal if before is None else before)) / TICK_S
-            motion = step_towards(goal, goal_velocity, now.q, now.velocity, self._limits)
+            motion = step_towards(goal, goal_velocity, now.q, now.velocity, self._limits, TICK_S)
             self._driver.start({self._name: motion})
 
     def _hold(self) -> None:

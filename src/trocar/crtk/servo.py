@@ -7,9 +7,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import MotionLimits
 from trocar.robots import TICK_S
-from trocar.trajectory import Trajectory
 
 DELAY_S = 2 * TICK_S
 """Set-points are played back this much later, so that neither a late message nor two at once make an arm jerk."""
@@ -93,51 +91,3 @@ class SetPoints:
     def clear(self) -> None:
         """Forget all of them."""
         self._points.clear()
-
-
-def step_towards(
-    goal: NDArray[np.float64],
-    goal_velocity: NDArray[np.float64],
-    q: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    limits: MotionLimits,
-) -> Trajectory:
-    """Return a motion that follows a goal for a tick, as near as the limits allow, and comes to rest after that.
-
-    A goal that itself keeps the limits is followed, as the quadratic B-spline of its ticks does: exactly where it is at
-    rest or its speed is constant, and half a tick late. One that jumps, or was not heard of for a while, is caught up
-    with as fast as can be without overshoot. The motion's end takes place only if no other takes over: a stream that
-    breaks off ends within limits.
-
-    Args:
-        goal: (joints,) a tick from now.
-        goal_velocity: (joints,) with which it moves during the tick.
-        q: (joints,) now.
-        velocity: (joints,) now.
-        limits: of the arm.
-    """
-    change = limits.acceleration * TICK_S
-    point = q + velocity * TICK_S / 2  # of the B-spline
-    off = goal - (point + goal_velocity * TICK_S)
-    # both would stop at the same place, braking as hard as the limits allow: so nothing is overshot if the goal does
-    wanted = _speed_over(off + _stopped_after(goal_velocity, change), change)
-    after = np.clip(np.clip(wanted, velocity - change, velocity + change), -limits.velocity, limits.velocity)
-    stop_s = max(float((np.abs(after) / limits.acceleration).max()), TICK_S)
-    end = q + (velocity + after) * TICK_S / 2
-    tick = np.stack([(after - velocity) / (2 * TICK_S), velocity, q])
-    stop = np.stack([-after / (2 * stop_s), after, end])
-    return Trajectory(np.array([0.0, TICK_S, TICK_S + stop_s]), np.stack([tick, stop], axis=1))
-
-
-def _stopped_after(velocity: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far (joints,) whole ticks at speeds v, v - change, v - 2 change ... lead, until they are at rest."""
-    steps = np.abs(velocity) / change
-    n = np.floor(steps)
-    return np.sign(velocity) * change * TICK_S * (n + 1) * (steps - n / 2)
-
-
-def _speed_over(distance: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the speed (joints,) that is at rest after this distance: the inverse of ``_stopped_after``."""
-    share = np.abs(distance) / (change * TICK_S)
-    n = np.floor((np.sqrt(1 + 8 * share) - 1) / 2)
-    return np.sign(distance) * change * (share / (n + 1) + n / 2)

@@ -33,11 +33,14 @@ FITTED_ON = "cable models are fitted on"
 """Key of this source in a summary."""
 
 OF_SIMULATION = ("station", "model", "calibration", "sessions", "new_session", "refit_offsets", "flawless_camera")
-OF_SIMULATION += ("difficulty", "flaws")
+OF_SIMULATION += ("difficulty", "flaws", "command_noise")
 """Options of simulated sessions, which a robot has not."""
 
 FOLLOWS = ("options", "variant", "goal_noun", "station_digest", "arms", "flaws", "versions", "robot")
 """Properties of a run that follow from its other options."""
+
+MAX_NOISE_MM = 20.0
+"""Largest push of motions; larger ones leave the table's room."""
 
 MAX_TRIALS = 100_000
 """Maximum number of trials of a run: weeks of work on all cores of a large machine."""
@@ -93,6 +96,11 @@ class RunConfig:
     flaws: tuple[str, ...] = option(
         (), "Give a flaw another size, as registration=1.0mm; may be repeated.", flag="flaw", metavar="NAME=SIZE"
     )
+    command_noise: float = option(
+        0.0,
+        "Push each motion off its path by about this much half-way (DART); what was asked for is recorded without it.",
+        metavar="MM",
+    )
     robot: str = option(
         "",
         "Drive real arms instead; nothing moves without --enable-motion.",
@@ -132,6 +140,8 @@ class RunConfig:
         if self.sessions * self.trials > MAX_TRIALS:
             many, remedy = f"{self.sessions} sessions of {self.trials} trials", "give fewer with --sessions or --trials"
             raise InvalidInput(many, f"are more than {MAX_TRIALS} trials", remedy)
+        if not 0 <= self.command_noise <= MAX_NOISE_MM:
+            raise InvalidValue("--command-noise", self.command_noise, f"give 0 to {MAX_NOISE_MM:g} mm")
         if self.seed < 0:
             raise InvalidValue("the seed", self.seed, "give 0 or more with --seed")
         if self.settings:
@@ -277,6 +287,7 @@ class RunConfig:
             "new_session": self.new_session,
             "refit_offsets": self.refit_offsets,
             "flawless_camera": self.flawless_camera,
+            "command_noise": self.command_noise,
             "difficulty": self.how_difficult,
             "plugins": [load_plugin(path) for path in self.plugins],
             "flaws": self._flaws(),

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
+from trocar.arms import MotionLimits
 from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.task import Task
@@ -41,6 +42,7 @@ class AgentContext:
         perception: turns images into poses; None if the task has none.
         rng: its own stream of randomness.
         settings: of its method.
+        limits: within which the guard lets each arm move.
     """
 
     cell: Cell
@@ -51,6 +53,7 @@ class AgentContext:
     perception: Any
     rng: np.random.Generator
     settings: Any
+    limits: Mapping[str, MotionLimits] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -124,12 +127,12 @@ class Method:
 
 def listed_settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield name and value of each setting; those inside another one have a dot in their name."""
-    for field in fields(settings) if _has_fields(settings) else ():
-        value = getattr(settings, field.name)
+    for one in fields(settings) if _has_fields(settings) else ():
+        value = getattr(settings, one.name)
         if _has_fields(value):
-            yield from listed_settings(value, f"{prefix}{field.name}.")
+            yield from listed_settings(value, f"{prefix}{one.name}.")
         else:
-            yield prefix + field.name, value
+            yield prefix + one.name, value
 
 
 def _has_fields(value: Any) -> bool:
@@ -205,8 +208,16 @@ def _require_callable(name: str, perception: Any) -> None:
         raise InvalidInput(f"perception {name!r}", f"is {perception!r}", "register a class")
 
 
-METHODS: Registry[Method] = Registry("method", "trocar.methods", check=_require_method)
-"""Methods from outside, as ``TASK/METHOD``; a task has its own besides."""
+METHODS: Registry[Method] = Registry(
+    "method",
+    "trocar.methods",
+    {
+        "*/policy": Lazy("trocar.learn.agent:POLICY"),
+        "*/policy-calibrated": Lazy("trocar.learn.agent:POLICY_CALIBRATED"),
+    },
+    check=_require_method,
+)
+"""Methods from outside, as ``TASK/METHOD``; a task has its own besides. Those of ``*`` do any task."""
 
 PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions", check=_require_callable)
 """Perceptions from outside, as ``TASK/NAME``; a task has its own besides."""
@@ -221,12 +232,19 @@ def methods_of(task: type[Task]) -> tuple[str, ...]:
     return _names(task.methods, METHODS, task.name)
 
 
+def methods_of_any() -> tuple[str, ...]:
+    """Return the names of the methods that do any task, once they are told how."""
+    return tuple(name.removeprefix("*/") for name in METHODS if name.startswith("*/"))
+
+
 def pick_method(task: type[Task], name: str) -> Method:
     """Return the method of this name; empty: the task's first.
 
     Raises:
         UnknownName: the task has none of that name.
     """
+    if name in methods_of_any() and name not in task.methods:
+        return METHODS[f"*/{name}"]
     method = _pick(task.methods, METHODS, name or next(iter(task.methods)), task.name)
     _require_method(f"{task.name}/{name}", method)
     return method

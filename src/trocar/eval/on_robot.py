@@ -65,6 +65,7 @@ def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None
             perception=pick_perception(type(config.task), config.perception) if config.perception else None,
             rng=np.random.default_rng(config.seeds(SESSION, TRIALS, index)),
             settings=settings,
+            limits={name: arm.limits for name, arm in config.laboratory.arms.items()},
         )
         run = partial(_run_until_refused, laboratory)
         try:

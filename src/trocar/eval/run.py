@@ -57,6 +57,7 @@ def run_trial(
         perception=pick_perception(type(task), config.perception) if config.perception else None,
         rng=staged.agent_rng,
         settings=settings,
+        limits={name: arm.limits for name, arm in config.laboratory.arms.items()},
     )
     try:
         end = play_agent(laboratory.run, method, context, task.budget_s, raise_errors)

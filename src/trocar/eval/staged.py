@@ -23,6 +23,7 @@ from trocar.log import machine_speed
 from trocar.perception.image import Image as Taken
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
+from trocar.robots.shaken import Shaken
 from trocar.sim.laboratory import Listener, SimLaboratory
 from trocar.sim.record import fixed_poses, solids_of
 
@@ -79,7 +80,7 @@ class StagedTrial:
     def __init__(self, config: RunConfig, prepared: Prepared, index: int, listener: Listener | None = None):
         self._config, self._prepared, self._index = config, prepared, index
         seeds = config.seeds(prepared.number, TRIALS, index)
-        scene_rng, noise_rng, self.agent_rng = map(np.random.default_rng, seeds.spawn(3))
+        scene_rng, noise_rng, self.agent_rng, shake_rng = map(np.random.default_rng, seeds.spawn(4))
         self.laboratory = SimLaboratory(
             prepared.session,
             config.task.world(config.task.scene(scene_rng, config.laboratory)),
@@ -87,6 +88,9 @@ class StagedTrial:
             flaws=SensorFlaws.none() if config.flawless_camera else None,
             listener=listener,
         )
+        if config.command_noise:
+            push_m = 1e-3 * config.command_noise
+            self.laboratory.wrap_robot(lambda cell: Shaken(cell.robot, cell.arms, shake_rng, push_m))
         self._solids, self._fixed = solids_of(self.laboratory.world), fixed_poses(self.laboratory.world)
 
     def finished(self, end: End, wall_s: float, settings: Any, images: Files | None = None) -> Trial:

@@ -47,7 +47,7 @@ DRAFT = re.compile(r"\.trocar-\d+-\d+\.part(\.\w+)?")
 _NUMBERS = itertools.count()
 
 _XML = "<!-- {} -->\n".format
-COMMENTS = {".html": _XML, ".urdf": _XML, ".xml": _XML, ".toml": "# {}\n".format}
+COMMENTS = {".html": _XML, ".md": _XML, ".urdf": _XML, ".xml": _XML, ".toml": "# {}\n".format}
 """The mark of a text file, in a comment at its end."""
 
 
@@ -177,7 +177,14 @@ def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
         TrocarError: there is something else already.
         MachineError: it cannot be written.
     """
-    path = require_place(path, kind, mark=mark)
+    with replacing(require_place(path, kind, mark=mark)) as draft:
+        yield draft
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """As :func:`writing`, for a file without a mark of its own, in a folder that a marked file shows to be Trocar's."""
+    path = Path(path)
     try:
         with drafted(path) as draft:
             yield draft

@@ -108,7 +108,7 @@ class SimLaboratory:
         }
         self._guard = Guarded(self.driver, guards, min_distance_m=station.min_distance_m, note=self.log.event)
         self.contacts = ContactMonitor(self.world)
-        self.recorder = Recorder(self.world, self._guard)
+        self.recorder = Recorder(self.world, self._guard, self.driver.jaw_command_rad)
         self.cell = Cell(
             robot=self._guard,
             cameras=self.cameras,

@@ -68,11 +68,12 @@ class OffscreenCamera:
         light, flaws = Light(ambient=AMBIENT, gain=view.gain), replace(SensorFlaws.none(), shadow=True)
         self._camera = RayCamera(self._model, lens, T_world_camera, LAMP_M, flaws, light)
 
-    def picture(self, time_s: float) -> NDArray[np.uint8]:
-        """Return a colour picture (height, width, 3) of this time."""
-        row = int(np.argmin(np.abs(self._replay.times_s - time_s)))
+    def picture(self, time_s: float, replay: Replay | None = None) -> NDArray[np.uint8]:
+        """Return a colour picture (height, width, 3) of this time, of its own replay or of another of the same cell."""
+        replay = replay or self._replay
+        row = int(np.argmin(np.abs(replay.times_s - time_s)))
         for number, body in enumerate(self._moving):
-            T = self._replay.T_world_body[body][row]
+            T = replay.T_world_body[body][row]
             self._data.qpos[7 * number : 7 * number + 3] = T.translation_m
             self._data.qpos[7 * number + 3 : 7 * number + 7] = T.rotation.as_quaternion()
         mujoco.mj_kinematics(self._model, self._data)

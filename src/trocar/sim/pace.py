@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import trio
 from trio._core import _run
+from trio.testing import wait_all_tasks_blocked
 
 from trocar.errors import InvalidValue
 from trocar.robots.driver import TICK_S
@@ -101,11 +102,11 @@ class Stepping:
 
     def __init__(self, laboratory: SimLaboratory, script: Script | None = None, budget_s: float = math.inf):
         self._laboratory, self._script, self._budget_s = laboratory, script, budget_s
-        self._may_tick: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._may_tick: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._at_rest: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._calls: queue.SimpleQueue[Script] = queue.SimpleQueue()
         self._error: BaseException | None = None
-        self._left, self.over, self.cell = False, False, laboratory.cell
+        self._granted, self._left, self.over, self.cell = 0, False, False, laboratory.cell
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Stepping:
@@ -115,7 +116,7 @@ class Stepping:
 
     def __exit__(self, *_: object) -> None:
         if not self.over:
-            self._may_tick.put(False)
+            self._may_tick.put(0)
         self._thread.join()
 
     def call(self, script: Script) -> None:
@@ -128,25 +129,30 @@ class Stepping:
         Raises:
             BaseException: whatever a script raised.
         """
-        for _ in range(max(1, round(seconds / TICK_S))):
-            if not self.over:
-                self._may_tick.put(True)
-                self._at_rest.get()
-            if self._error is not None:
-                error, self._error = self._error, None
-                raise error
+        if not self.over:
+            self._may_tick.put(max(1, round(seconds / TICK_S)))
+            self._at_rest.get()
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
 
     async def wait(self, now_s: float) -> None:
         """Tell the outside program that the cell waits, and wait for its go-ahead."""
         del now_s
         if self._left:
             return
+        if self._granted:
+            self._granted -= 1
+            return
         self._at_rest.put(None)
-        if not await trio.to_thread.run_sync(self._may_tick.get):
+        ticks = await trio.to_thread.run_sync(self._may_tick.get)
+        if not ticks:
             self._left = True  # nobody waits for the last ticks, in which the arms come to rest
             self._laboratory.end()
+        self._granted = ticks - 1
         while not self._calls.empty():
             self._laboratory.start_soon(self._calls.get())
+            await wait_all_tasks_blocked()  # what it starts, such as a motion, is part of this tick
 
     def _run(self) -> None:
         try:

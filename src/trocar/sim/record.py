@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -81,12 +81,17 @@ class Record:
 class Recorder:
     """Samples a world and its robot at each tick.
 
+    Args:
+        world: simulator truth.
+        robot: the guarded one, whose set-points are what was commanded.
+        jaw_command_rad: returns the opening that an arm's jaws are commanded to.
+
     Attributes:
         desired_of: the outermost robot, whose set-points are what the script asked for.
     """
 
-    def __init__(self, world: World, robot: Robot):
-        self._world, self._robot = world, robot
+    def __init__(self, world: World, robot: Robot, jaw_command_rad: Callable[[str], float]):
+        self._world, self._robot, self._jaw_command_rad = world, robot, jaw_command_rad
         self.desired_of: Robot = robot
         self._times: list[float] = []
         self._free: list[NDArray[np.float64]] = []
@@ -100,11 +105,11 @@ class Recorder:
         self._times.append(time_s)
         self._free.append(world.free_poses().copy())
         for name, rows in self._rows.items():
-            reading, jaw = self._robot.read(name), world.jaw_rad(name)
-            rows["desired"].append(np.append(self.desired_of.setpoint(name).q, jaw))
-            rows["commanded"].append(np.append(self._robot.setpoint(name).q, jaw))
+            reading, jaw_rad = self._robot.read(name), self._jaw_command_rad(name)
+            rows["desired"].append(np.append(self.desired_of.setpoint(name).q, jaw_rad))
+            rows["commanded"].append(np.append(self._robot.setpoint(name).q, jaw_rad))
             rows["measured"].append(np.append(reading.q, reading.jaw_rad))
-            rows["true"].append(np.append(world.joints(name), jaw))
+            rows["true"].append(np.append(world.joints(name), world.jaw_rad(name)))
 
     def record(self, collisions: tuple[Collision, ...]) -> Record:
         """Return the record so far."""

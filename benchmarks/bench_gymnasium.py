@@ -1,0 +1,122 @@
+"""Environments: steps a second and core, beside MuJoCo alone on the same scene, and how they scale over processes.
+
+Random joint actions in the peg transfer with one arm. Times of one process are the processor's, so that they hold on a
+busy machine too; those of several processes are the wall clock's. `--random N` also drives N random steps through every
+task and tells what broke. Two minutes without it.
+
+Run: .venv/bin/python benchmarks/bench_gymnasium.py [--steps N] [--random N] [--json]
+"""
+
+import argparse
+import json
+import os
+import time
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import gymnasium
+import mujoco
+
+import trocar.learn.envs
+from trocar.eval import TASKS
+from trocar.learn.environment import CellEnv
+from trocar.robots import TICK_S
+from trocar.sim.spec import TIMESTEP_S
+
+RATE_HZ = 30.0
+WARM = 20
+
+
+def steps_a_second(steps, **options):
+    """Return steps per second of the processor, the same of MuJoCo alone, and seconds of a reset."""
+    env = CellEnv("peg-transfer", rate_hz=RATE_HZ, **options)
+    began = time.process_time()
+    env.reset(seed=0)
+    reset_s = time.process_time() - began
+    env.action_space.seed(0)
+    for step in range(WARM + steps):
+        if step == WARM:
+            began = time.process_time()
+        if env.step(env.action_space.sample())[3]:
+            env.reset()
+    found = steps / (time.process_time() - began)
+    world = env.unwrapped._laboratory.world
+    began = time.process_time()
+    mujoco.mj_step(world.model, world.data, round(steps / RATE_HZ / TIMESTEP_S))
+    alone = steps / (time.process_time() - began)
+    env.close()
+    return found, alone, reset_s
+
+
+def scaled(steps, processes):
+    """Return steps a second of the wall clock of so many environments in processes of their own."""
+    envs = gymnasium.make_vec("trocar/PegTransfer-v0", num_envs=processes, vectorization_mode="async")
+    envs.reset(seed=0)
+    envs.action_space.seed(0)
+    for _ in range(WARM):
+        envs.step(envs.action_space.sample())
+    began = time.perf_counter()
+    for _ in range(steps):
+        envs.step(envs.action_space.sample())
+    seconds = time.perf_counter() - began
+    envs.close()
+    return processes * steps / seconds
+
+
+def driven(task, steps):
+    """Drive random actions; raise if a limit or a bound is broken; return the largest share of a limit."""
+    env = gymnasium.make(trocar.learn.envs.environment_id(task), disable_env_checker=True)
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    most = 0.0
+    for _ in range(steps):
+        seen, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        if not env.observation_space.contains(seen):
+            raise SystemExit(f"{task}: an observation left its bounds: {seen}")
+        if terminated or truncated:
+            driver = env.unwrapped._laboratory.driver
+            most = max(most, *(max(driver.limit_use(arm)) for arm in driver.names))
+            env.reset()
+    driver = env.unwrapped._laboratory.driver
+    most = max(most, *(max(driver.limit_use(arm)) for arm in driver.names))
+    env.close()
+    return most
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", type=int, default=600)
+    parser.add_argument("--random", type=int, default=0)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    state, alone, reset_s = steps_a_second(asked.steps)
+    above, _, _ = steps_a_second(asked.steps // 4, calibrated=True)
+    images, _, _ = steps_a_second(asked.steps // 10, observation=("state", "images"))
+    cores = os.cpu_count() or 1
+    found = {
+        "rate_hz": RATE_HZ,
+        "ticks_a_step": 1 / RATE_HZ / TICK_S,
+        "state": state,
+        "state_calibrated": above,
+        "state_and_images": images,
+        "mujoco_alone": alone,
+        "reset_s": reset_s,
+        "processes": {str(n): scaled(asked.steps // 4, n) for n in sorted({1, cores})},
+        "largest_limit_use": {task: driven(task, asked.random) for task in TASKS} if asked.random else {},
+    }
+    if asked.json:
+        print(json.dumps(found))
+        return
+    print(f"steps of {1e3 / RATE_HZ:.0f} ms a second of one core")
+    for name in ("state", "state_calibrated", "state_and_images", "mujoco_alone"):
+        print(f"  {name.replace('_', ' '):18} {found[name]:7.0f}")
+    print(f"a reset takes {reset_s:.2f} s; wall clock, by processes:")
+    for name, rate in found["processes"].items():
+        print(f"  {name:18} {rate:7.0f}")
+    for task, share in found["largest_limit_use"].items():
+        print(f"{task}: {asked.random} random steps used {100 * share:.1f} % of the limits at most")
+
+
+if __name__ == "__main__":
+    main()

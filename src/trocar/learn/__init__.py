@@ -1,0 +1,1 @@
+"""Learning: data sets that policies are trained on."""

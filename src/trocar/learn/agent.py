@@ -1,0 +1,77 @@
+"""A learned policy as a method of any task: ``trocar run TASK --method policy --policy WHAT``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trio
+
+from trocar.errors import UnknownName
+from trocar.eval.method import AgentContext, Method
+from trocar.learn.control import ABSOLUTE, IMAGES, STATE, Answer, Control, Eyes
+from trocar.learn.policy import load_policy
+from trocar.log import timed
+
+
+@dataclass(frozen=True)
+class PolicySettings:
+    """How a policy is asked."""
+
+    policy: str = ""
+    """What ``load_policy`` takes."""
+    policy_digest: str = ""  # of the files of the policy with which this run began
+    action: str = ABSOLUTE
+    observation: str = STATE  # or images, or state,images
+    rate_hz: float = 30.0
+    timeout_s: float = 10.0  # of the machine's clock, for one answer
+
+
+class PolicyAgent:
+    """Asks a policy for an action at a fixed rate, from the observations of the environment, until the time is up.
+
+    The cell's clock stands still while a policy computes; how long it took is noted beside the period of an action.
+    """
+
+    def __init__(self, context: AgentContext):
+        self._cell, self._settings = context.cell, context.settings
+        settings: PolicySettings = context.settings
+        self._observed = tuple(part.strip() for part in settings.observation.split(","))
+        for part in self._observed:
+            if part not in (STATE, IMAGES):
+                raise UnknownName("observation of a policy", part, (STATE, IMAGES))
+        limits = {arm: context.limits.get(arm, context.cell.arms[arm].motion_limits) for arm in context.arms}
+        self._control = Control(context.cell, context.arms, limits, settings.action, settings.rate_hz)
+        self._policy = load_policy(settings.policy, settings.policy_digest, settings.timeout_s)
+
+    async def run(self) -> None:
+        """Act until the policy says that it is done, by answering None, or the budget is spent."""
+        control, cell, eyes = self._control, self._cell, Eyes(self._cell)
+        with self._policy as ask:
+            async with trio.open_nursery() as nursery:
+                if IMAGES in self._observed:
+                    nursery.start_soon(eyes.watch, cell)
+                while (action := self._asked(ask, eyes)) is not None:
+                    values = np.clip(control.checked(action), control.low, control.high)
+                    answer, seconds = Answer(), control.next_step_s()
+                    nursery.start_soon(control.act, values, answer)
+                    await cell.clock.sleep(seconds)
+                    for arm, reason in answer.refused.items():
+                        cell.log.event("refused", arm=arm, reason=reason)
+                nursery.cancel_scope.cancel()
+
+    def _asked(self, ask: Any, eyes: Eyes) -> Any:
+        """Return the policy's answer to what is seen now."""
+        seen: dict[str, Any] = dict(self._control.observe()) if STATE in self._observed else {}
+        seen |= eyes.observe() if IMAGES in self._observed else {}
+        seen["time_s"] = np.array([self._cell.clock.now_s()], np.float32)
+        action, seconds = timed(lambda: ask(seen))
+        self._cell.log.compute("policy", seconds, 1.0 / self._settings.rate_hz)
+        return action
+
+
+POLICY = Method("a learned policy, which --policy names, on the encoders' readings", PolicyAgent, PolicySettings)
+POLICY_CALIBRATED = Method(
+    "a learned policy, which --policy names, above compensated cables", PolicyAgent, PolicySettings, calibrated=True
+)

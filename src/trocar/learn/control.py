@@ -1,0 +1,262 @@
+"""What a policy sees of a cell, and how its actions move the arms: the same in an environment and as an agent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import trio
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.arms import MotionLimits, fk, ik
+from trocar.cell import Cell
+from trocar.errors import InvalidInput, InvalidValue, MotionRefused, UnknownName
+from trocar.geometry import SE3, SO3
+from trocar.learn.poses import WIDTH, action_names, state_names, vectors
+from trocar.motion.following import step_towards
+from trocar.perception.image import CameraModel, Image, Intrinsics, RgbdImage, StereoWindow, Window
+from trocar.robots import TICK_S
+
+JOINTS, CARTESIAN, ABSOLUTE = "joints", "cartesian", "cartesian-absolute"
+ACTIONS = (JOINTS, CARTESIAN, ABSOLUTE)
+STATE, IMAGES, PRIVILEGED = "state", "images", "privileged"
+OBSERVATIONS = (STATE, IMAGES, PRIVILEGED)
+
+SPEED_M, SPEED_RAD = 0.2, 3.0
+"""A Cartesian increment is at most this much a second, on each axis."""
+REACH_M = 1.0
+"""Tips are nearer than this to the world's origin, on each axis."""
+OVER = 0.3
+"""Readings may lie this far (rad, m) outside the ranges of the joints: jaws yield, and so do drives."""
+SAME_RAD = 1e-9
+
+
+@dataclass
+class Answer:
+    """What became of an action, by arm.
+
+    Attributes:
+        slowed: how many times faster than its limits allow the arm would have had to move to be there in time; only
+            where this is above 1. The arm goes as fast as it may, and the next action begins where it is.
+        refused: why the arm did not move: out of reach, or refused by its guard.
+    """
+
+    slowed: dict[str, float] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+
+
+class Control:
+    """Arms that are given actions at a fixed rate.
+
+    A cell's controller ticks every 10 ms: at 30 Hz, steps are three or four ticks long, and no time is lost.
+
+    Args:
+        cell: the cell. If its robot compensates the cables, actions are what the joints are to do; else what the
+            encoders are to read.
+        arms: names of those that work, in order.
+        limits: of each of them.
+        action: what an action means: one of ``ACTIONS``.
+        rate_hz: actions a second.
+
+    Attributes:
+        names: of the numbers of an action.
+        low: their least values.
+        high: their greatest ones.
+    """
+
+    def __init__(
+        self, cell: Cell, arms: Sequence[str], limits: Mapping[str, MotionLimits], action: str, rate_hz: float = 30.0
+    ):
+        if action not in ACTIONS:
+            raise UnknownName("action", action, ACTIONS)
+        if not 1.0 <= rate_hz <= 1 / TICK_S:
+            raise InvalidValue("the rate of actions", f"{rate_hz} Hz", f"give 1 to {1 / TICK_S:.0f}")
+        self._cell, self.arms, self._limits, self._kind, self._rate_hz = cell, tuple(arms), limits, action, rate_hz
+        self.names = _action_names(self.arms, action, cell)
+        bounds = [_bounds(cell, arm, action, rate_hz) for arm in self.arms]
+        self.low, self.high = (np.hstack(side) for side in zip(*bounds, strict=True))
+        self._steps, self._at_tick, self._lasts_s = 0, 0, TICK_S
+        self._goals = {arm: cell.robot.setpoint(arm).q for arm in self.arms}
+        self._jaws: dict[str, float] = {}
+        self._turns: dict[str, NDArray[np.float64]] = {}
+
+    def next_step_s(self) -> float:
+        """Return how long the next step lasts, a number of ticks; the steps add up to the rate."""
+        self._steps += 1
+        at_tick = int(self._steps / self._rate_hz / TICK_S + 1e-6)
+        self._lasts_s, self._at_tick = (at_tick - self._at_tick) * TICK_S, at_tick
+        return self._lasts_s
+
+    def observe(self) -> dict[str, NDArray[np.float32]]:
+        """Return what the encoders read: ``joints``, six and the jaw of each arm, and ``state``: the tips' poses."""
+        rows, poses = [], []
+        for arm in self.arms:
+            reading = self._cell.robot.read(arm)
+            row = np.append(reading.q, reading.jaw_rad)
+            pose = vectors(self._cell.arms[arm], self._cell.T_world_base_registered[arm], row[None])[0]
+            before = self._turns.get(arm, pose[3:7])
+            pose[3:7] *= 1.0 if before @ pose[3:7] >= 0 else -1.0
+            self._turns[arm] = pose[3:7]
+            rows.append(row)
+            poses.append(pose)
+        return {"joints": np.hstack(rows).astype(np.float32), "state": np.hstack(poses).astype(np.float32)}
+
+    def checked(self, action: ArrayLike) -> NDArray[np.float64]:
+        """Return an action as numbers.
+
+        Raises:
+            InvalidInput: it has another shape, or is not finite.
+        """
+        try:
+            values = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError):
+            problem = f"is {type(action).__name__}, not numbers"
+            raise InvalidInput("the action", problem, f"give {len(self.names)} numbers") from None
+        if values.shape != self.low.shape:
+            remedy = f"give {len(self.names)} numbers: {', '.join(self.names)}"
+            raise InvalidInput("the action", f"has the shape {values.shape}", remedy)
+        wrong = ~np.isfinite(values)
+        if wrong.any():
+            raise InvalidValue(f"{self.names[int(wrong.argmax())]} of the action", values[wrong][0], "give a number")
+        return values
+
+    def require_inside(self, values: NDArray[np.float64]) -> None:
+        """Raise unless an action keeps its bounds."""
+        outside = (values < self.low - 1e-6) | (values > self.high + 1e-6)
+        if outside.any():
+            at = int(outside.argmax())
+            bounds = f"give {self.low[at]:.6g} to {self.high[at]:.6g}, as gymnasium.wrappers.ClipAction does"
+            raise InvalidValue(f"{self.names[at]} of the action", f"{values[at]:.6g}", bounds)
+
+    async def act(self, values: NDArray[np.float64], answer: Answer) -> None:
+        """Start what an action asks for, in ``answer`` what became of it; return when no arm follows it any more.
+
+        Args:
+            values: as ``checked`` returns them, inside their bounds.
+            answer: complete once this first waits.
+        """
+        async with trio.open_nursery() as nursery:
+            for arm, part in zip(self.arms, np.split(values, len(self.arms)), strict=True):
+                jaw = self._cell.arms[arm].jaw
+                jaw_rad = float(np.clip(part[-1], jaw.lower, jaw.upper))
+                if abs(jaw_rad - self._jaws.get(arm, np.inf)) > SAME_RAD:
+                    self._jaws[arm] = jaw_rad
+                    nursery.start_soon(self._cell.robot.jaw, arm, jaw_rad)
+                nursery.start_soon(self._follow, arm, part[:-1], answer)
+
+    async def _follow(self, arm: str, part: NDArray[np.float64], answer: Answer) -> None:
+        model, limits, now = self._cell.arms[arm], self._limits[arm], self._cell.robot.setpoint(arm)
+        before, period_s = self._goals[arm], self._lasts_s
+        try:
+            goal = np.clip(self._goal(arm, part), model.lower, model.upper)
+            velocity = np.clip(now.velocity, -limits.velocity, limits.velocity)
+            moves = (goal - before) / period_s
+            motion = step_towards(goal, moves, now.q, velocity, limits, period_s)
+            asked = (goal - now.q) / period_s - velocity / 2  # of the B-spline that follows
+            shares = np.abs(asked) / limits.velocity, np.abs(asked - velocity) / (limits.acceleration * period_s)
+            self._goals[arm] = goal
+            factor = float(np.max(shares))
+            if factor > 1.0 + 1e-6:
+                answer.slowed[arm] = round(factor, 3)
+                self._goals[arm] = motion(motion.times_s[-1])  # increments do not pile up
+            await self._cell.robot.replace({arm: motion})
+        except MotionRefused as error:
+            answer.refused[arm] = str(error)
+            self._goals[arm] = self._cell.robot.setpoint(arm).q
+
+    def _goal(self, arm: str, part: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the joints (6,) that a part of an action asks of an arm."""
+        if self._kind == JOINTS:
+            return part
+        model, near, T_world_base = self._cell.arms[arm], self._goals[arm], self._cell.T_world_base_registered[arm]
+        if self._kind == CARTESIAN:
+            tip = T_world_base @ fk(model, near)
+            turned = SO3.exp(part[3:6]) @ tip.rotation
+            wanted = SE3.from_parts(turned, tip.translation_m + part[:3])
+        elif np.linalg.norm(part[3:7]) < 1e-6:
+            raise MotionRefused(f"the orientation of arm {arm!r} is no quaternion: all four are 0", arm=arm)
+        else:
+            wanted = SE3.from_parts(SO3.from_quaternion(part[[6, 3, 4, 5]]), part[:3])
+        return ik(model, T_world_base.inverse() @ wanted, near)
+
+
+def observation_bounds(cell: Cell, arms: Sequence[str]) -> dict[str, tuple[NDArray, NDArray, list[str]]]:
+    """Return least and greatest values, and the names, of what ``Control.observe`` returns."""
+    models = [cell.arms[arm] for arm in arms]
+    low = np.hstack([np.append(m.lower, m.jaw.lower) for m in models]) - OVER
+    high = np.hstack([np.append(m.upper, m.jaw.upper) for m in models]) + OVER
+    sides = [np.tile([side] * 3 + [side * 1.001] * 4 + [0.0], len(arms)) for side in (-REACH_M, REACH_M)]
+    for side, joints in zip(sides, (low, high), strict=True):
+        side[WIDTH - 1 :: WIDTH] = joints[6::7]
+    return {
+        "joints": (low, high, _action_names(arms, JOINTS, cell, "")),
+        "state": (sides[0], sides[1], state_names(arms)),
+    }
+
+
+def _action_names(arms: Sequence[str], action: str, cell: Cell, mark: str = "_sp") -> list[str]:
+    if action == ABSOLUTE:
+        return action_names(arms)
+    axes = [f"{what}.{axis}" for what in ("position", "rotation") for axis in "xyz"]
+    return [
+        name
+        for arm in arms
+        for name in (
+            *(f"{arm}{mark}.{joint.name}" for joint in cell.arms[arm].joints if action == JOINTS),
+            *(f"{arm}_cr.{axis}" for axis in axes if action == CARTESIAN),
+            f"{arm}_jaw{mark}",
+        )
+    ]
+
+
+def _bounds(cell: Cell, arm: str, action: str, rate_hz: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return least and greatest values of an arm's part of an action."""
+    model = cell.arms[arm]
+    if action == JOINTS:
+        return np.append(model.lower, model.jaw.lower), np.append(model.upper, model.jaw.upper)
+    if action == CARTESIAN:
+        most = np.array([SPEED_M] * 3 + [SPEED_RAD] * 3) / rate_hz
+        return np.append(-most, model.jaw.lower), np.append(most, model.jaw.upper)
+    most = np.array([REACH_M] * 3 + [1.0] * 4)
+    return np.append(-most, model.jaw.lower), np.append(most, model.jaw.upper)
+
+
+class Eyes:
+    """The cameras of a cell, each with its last image; a script takes them one after the other, for ever."""
+
+    def __init__(self, cell: Cell):
+        self._cell = cell
+        self.last: dict[str, Image] = {}
+
+    async def watch(self, cell: Cell) -> None:
+        """Take images."""
+        while True:
+            for name, camera in cell.cameras.items():
+                self.last[name] = await camera.capture(_whole(camera.model))
+
+    def observe(self) -> dict[str, NDArray[np.uint8]]:
+        """Return the last image (height, width, 3) of each camera; black before the first. Both eyes lie abreast."""
+        found = {}
+        for name, camera in self._cell.cameras.items():
+            image = self.last.get(name)
+            if image is None:
+                found[f"{IMAGES}.{name}"] = np.zeros(image_shape(camera.model), np.uint8)
+            else:
+                color = image.color if isinstance(image, RgbdImage) else np.hstack([image.left, image.right])
+                found[f"{IMAGES}.{name}"] = np.asarray(color, dtype=np.uint8)
+        return found
+
+
+def image_shape(model: CameraModel) -> tuple[int, int, int]:
+    """Return height, width and 3 of a camera's image; both eyes lie abreast."""
+    eyes = [model] if isinstance(model, Intrinsics) else [model.left, model.right]
+    return eyes[0].height, sum(eye.width for eye in eyes), 3
+
+
+def _whole(model: CameraModel) -> Window | StereoWindow:
+    """Return the window of all pixels: a camera keeps only images without a window, and these are too many."""
+    if isinstance(model, Intrinsics):
+        return Window((0, 0), (model.width, model.height))
+    left, right = (Window((0, 0), (eye.width, eye.height)) for eye in (model.left, model.right))
+    return StereoWindow(left, right)

@@ -1,0 +1,330 @@
+"""The cell as a Gymnasium environment: any task, at a policy's rate, with the referee's reward."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import InvalidInput, InvalidValue, UnknownName
+from trocar.eval.config import JOINTS as FROM_JOINTS
+from trocar.eval.config import RunConfig
+from trocar.eval.prepare import Prepared, prepare
+from trocar.eval.run import compensated
+from trocar.eval.scenery import Scenery
+from trocar.eval.staged import StagedTrial
+from trocar.eval.task import TASKS, Task
+from trocar.learn.control import (
+    IMAGES,
+    OBSERVATIONS,
+    PRIVILEGED,
+    STATE,
+    Answer,
+    Control,
+    Eyes,
+    image_shape,
+    observation_bounds,
+)
+from trocar.registry import Lazy, load_plugin
+from trocar.robots import TICK_S
+from trocar.sim.laboratory import SimLaboratory
+from trocar.sim.offscreen import OffscreenCamera, handled
+from trocar.sim.pace import Stepping
+from trocar.sim.record import fixed_poses, solids_of
+from trocar.sim.world import PhysicsError
+
+REFEREE_S = 1.0
+"""The referee looks this often, and at the end: it goes through all that has happened."""
+MAX_INDEX = 2**31
+FREE_M = 10.0
+"""Bodies may fall this far."""
+
+
+class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
+    """One task in the simulated cell.
+
+    An episode is a trial: the cables, bases and cameras of a session, and a scene. ``reset(seed=...)`` draws both; the
+    same seed gives the same bytes, on any machine. An episode is ``terminated`` once the referee counts all goals as
+    reached, and ``truncated`` when the task's budget is spent, or if the physics broke down (``info["void"]``).
+
+    Args:
+        task: name of the task.
+        action: ``joints``: positions; ``cartesian``: increments of the tip's position and a rotation vector, in the
+            world; ``cartesian-absolute``: position and quaternion x, y, z, w. Jaws are always absolute. Metres and rad.
+        observation: ``state``, ``images``, ``privileged`` (the truth: poses of all free bodies), or several of them.
+        rate_hz: steps a second of the cell's clock.
+        calibrated: whether the cables are compensated, below the actions, by a model that is fitted in each session.
+        station: where; empty: the task's.
+        difficulty: ``mild``, ``recorded`` or ``harsh``.
+        flaws: sizes of single flaws, as ``registration=1.0mm``.
+        calibration: what cable models are fitted on, ``joints`` or ``images``.
+        seed: of the sessions.
+        sessions: of which each episode draws one.
+        plugins: files that register the task or what it needs.
+        render_mode: ``rgb_array``: a picture; ``human``: a page in the browser.
+        **options: of the task, such as ``variant`` or ``budget_s``.
+
+    Raises:
+        InvalidInput: an option that does not exist or fit; says which.
+    """
+
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 30}  # noqa: RUF012
+
+    def __init__(
+        self,
+        task: str,
+        *,
+        action: str = "joints",
+        observation: str | Sequence[str] = STATE,
+        rate_hz: float = 30.0,
+        calibrated: bool = False,
+        station: str = "",
+        difficulty: str = "recorded",
+        flaws: Sequence[str] = (),
+        calibration: str = FROM_JOINTS,
+        seed: int = 0,
+        sessions: int = 10,
+        plugins: Sequence[str] = (),
+        render_mode: str | None = None,
+        **options: Any,
+    ):
+        for plugin in plugins:
+            load_plugin(plugin)
+        self.render_mode = render_mode
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise UnknownName("render_mode", str(render_mode), self.metadata["render_modes"])
+        self._observed = (observation,) if isinstance(observation, str) else tuple(observation)
+        for name in self._observed or ("",):
+            if name not in OBSERVATIONS:
+                raise UnknownName("observation", name, OBSERVATIONS)
+        kind = TASKS.pick(task)
+        self.config = RunConfig(
+            _task(kind, options),
+            method="policy-calibrated" if calibrated else "policy",
+            calibration=calibration if calibrated else "",
+            station=station,
+            difficulty=difficulty,
+            flaws=tuple(flaws),
+            sessions=sessions,
+            seed=seed,
+            plugins=tuple(map(str, plugins)),
+        )
+        self._action, self._rate_hz = action, rate_hz
+        self._prepared: dict[int, Prepared] = {}
+        self._folder: TemporaryDirectory[str] | None = None
+        self._stepping: Stepping | None = None
+        self._over = True
+        self._page: Any = None
+        self._draw: OffscreenCamera | None = None
+        self._scenery: Scenery | None = None
+        self._set_up(0, 0)
+        control, cell, world = self._control, self._laboratory.cell, self._laboratory.world
+        self._bodies = world.free_bodies
+        boxes = {name: spaces.Box(*_float32(low, high)) for name, (low, high, _) in self._bounds().items()}
+        found: dict[str, spaces.Box[Any]] = dict(boxes) if STATE in self._observed else {}
+        if IMAGES in self._observed:
+            for name, camera in cell.cameras.items():
+                found[f"{IMAGES}.{name}"] = spaces.Box(0, 255, image_shape(camera.model), np.uint8)
+        if PRIVILEGED in self._observed:
+            most = np.tile([FREE_M] * 3 + [1.001] * 4, len(self._bodies)).astype(np.float32)
+            found[PRIVILEGED] = spaces.Box(-most, most)
+        found["time_s"] = spaces.Box(0.0, float(self.config.task.budget_s) + 1.0, (1,), np.float32)
+        self.observation_space = spaces.Dict(found)  # type: ignore[assignment,arg-type]
+        self.action_space = spaces.Box(*_float32(control.low, control.high))
+        self.action_names, self._goals = control.names, len(self.config.task.goals())
+
+    def _bounds(self) -> dict[str, tuple[NDArray, NDArray, list[str]]]:
+        return observation_bounds(self._laboratory.cell, self.config.arms)
+
+    @property
+    def observation_names(self) -> dict[str, list[str]]:
+        """Return the names of the numbers of each part of an observation, but for images."""
+        names = {key: names for key, (_, _, names) in self._bounds().items() if key in self.observation_space.spaces}  # type: ignore[attr-defined]
+        if PRIVILEGED in self._observed:
+            axes = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw")]
+            names[PRIVILEGED] = [f"{body}.{axis}" for body in self._bodies for axis in axes]
+        return names | {"time_s": ["time_s"]}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Draw a session and a scene; return the first observation and what is known about it.
+
+        Args:
+            seed: of this episode and those that follow; None: go on with the last one.
+            options: ``session`` and ``trial``, numbers: those of ``trocar run`` with the same seed of the sessions.
+        """
+        super().reset(seed=seed)
+        session, index = (int(self.np_random.integers(most)) for most in (self.config.sessions, MAX_INDEX))
+        wanted = dict(options or {})
+        session, index = wanted.pop("session", session), wanted.pop("trial", index)
+        if wanted:
+            raise UnknownName("option of reset()", next(iter(wanted)), ("session", "trial"))
+        for name, value, most in (("session", session, self.config.sessions), ("trial", index, MAX_INDEX)):
+            if not (isinstance(value, int) and 0 <= value < most):
+                raise InvalidValue(f"the {name} of reset()", value, f"give 0 to {most - 1}")
+        self._set_up(session, index)
+        self._scored_s, self._reached, self._over = -REFEREE_S, 0, False
+        self._scores: list[dict[str, Any]] = []
+        self._referee(force=True)
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(), self._info(Answer())
+
+    def _set_up(self, session: int, index: int) -> None:
+        """Begin a trial."""
+        self._stop()
+        if session not in self._prepared:
+            self._folder = self._folder or TemporaryDirectory(prefix="trocar-")
+            self._prepared[session] = prepare(self.config, session, self._folder.name)
+        prepared, config = self._prepared[session], self.config
+        self._laboratory: SimLaboratory = StagedTrial(config, prepared, index).laboratory
+        if prepared.models:
+            self._laboratory.wrap_robot(lambda cell: compensated(config, prepared.models, prepared.priors, cell))
+        limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
+        cell = self._laboratory.cell
+        self._control = Control(cell, config.arms, limits, self._action, self._rate_hz)
+        self._eyes = Eyes(cell)
+        self._where, self._scenery, self._draw = (session, index), None, None
+        script = self._eyes.watch if IMAGES in self._observed else None
+        self._stepping = self._laboratory.stepping(script)
+        self._stepping.__enter__()
+
+    def step(self, action: ArrayLike) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:  # type: ignore[override]
+        """Let an action take its time; return observation, reward, terminated, truncated and info.
+
+        The reward is how many goals more the referee counts as reached; it looks once a second, and at the end.
+
+        Raises:
+            InvalidInput: the action has another shape, is not finite or leaves its bounds (nothing has moved then), or
+                there is no episode that could go on.
+        """
+        if self._over or self._stepping is None:
+            raise InvalidInput("step()", "has no episode to go on with: none has begun, or it is over", "call reset()")
+        values = self._control.checked(action)
+        self._control.require_inside(values)
+        answer, seconds, control = Answer(), self._control.next_step_s(), self._control
+        self._stepping.call(lambda cell: control.act(values, answer))
+        void = ""
+        try:
+            self._stepping.step(seconds)
+        except PhysicsError as error:
+            void = str(error)
+        truncated = bool(void) or self._laboratory.now_s() >= self.config.task.budget_s - TICK_S / 2
+        before = self._reached
+        if not void:
+            self._referee(force=truncated)
+        terminated = bool(self._goals) and self._reached == self._goals and not void
+        self._over = terminated or truncated
+        if self.render_mode == "human":
+            self.render()
+        info = self._info(answer) | ({"void": void} if void else {})
+        return self._observation(), float(self._reached - before), terminated, truncated, info
+
+    def _referee(self, *, force: bool) -> None:
+        """Score what has happened, if it is time to."""
+        now_s, laboratory = self._laboratory.now_s(), self._laboratory
+        if force or now_s >= self._scored_s + REFEREE_S:
+            scores = self.config.task.score(laboratory.truth(), laboratory.log.events)
+            self._scored_s, self._scores = now_s, [asdict(score) for score in scores]
+            self._reached = sum(bool(score.succeeded) for score in scores)
+
+    def _observation(self) -> dict[str, NDArray[Any]]:
+        found: dict[str, NDArray[Any]] = dict(self._control.observe()) if STATE in self._observed else {}
+        if IMAGES in self._observed:
+            found |= self._eyes.observe()
+        if PRIVILEGED in self._observed:
+            poses = self._laboratory.world.free_poses()[:, [0, 1, 2, 4, 5, 6, 3]].ravel()
+            low, high = self.observation_space[PRIVILEGED].low, self.observation_space[PRIVILEGED].high  # type: ignore[index]
+            if poses.shape != low.shape:
+                problem = f"has {len(poses) // 7} free bodies, and another scene of it had {len(low) // 7}"
+                raise InvalidInput(f"task {self.config.task.name!r}", problem, f"do not observe {PRIVILEGED!r}")
+            found[PRIVILEGED] = np.clip(poses, low, high).astype(np.float32)
+        return found | {"time_s": np.array([self._laboratory.now_s()], np.float32)}
+
+    def _info(self, answer: Answer) -> dict[str, Any]:
+        session, index = self._where
+        return {
+            "time_s": self._laboratory.now_s(),
+            "session": session,
+            "trial": index,
+            "slowed": dict(answer.slowed),
+            "refused": dict(answer.refused),
+            "score": self._reached / max(1, self._goals),
+            "scores": self._scores,
+            "collisions": len(self._laboratory.contacts.collisions()),
+            "privileged": PRIVILEGED in self._observed,
+        }
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """Return a picture (height, width, 3), or show the cell on its page; people alone get this view."""
+        if self.render_mode is None:
+            raise InvalidInput("render()", "has no mode", "make the environment with render_mode='rgb_array'")
+        laboratory, session = self._laboratory, self._laboratory.session
+        if self._scenery is None:
+            solids, fixed = solids_of(laboratory.world), fixed_poses(laboratory.world)
+            bases = session.T_world_base, session.T_world_base_registered
+            self._scenery = Scenery(solids, fixed, session.models, *bases, {}, TICK_S)
+        now_s, arrays = laboratory.now_s(), laboratory.recorder.arrays(-1)
+        if self.render_mode == "human":
+            self._show(now_s, arrays)
+            return None
+        replay = self._scenery.shown(self.config.task.name, np.array([now_s]), arrays)
+        if self._draw is None:
+            report = type(self.config.task).report
+            report = report.load() if isinstance(report, Lazy) else report
+            tips = [tool.p_world_driven_m for name, tool in replay.tools.items() if name in self.config.arms]
+            shown = getattr(report, "view", None), getattr(report, "colours", None)
+            self._draw = OffscreenCamera(replay, *shown, frame_m=np.concatenate([handled(replay), *tips]))
+        return self._draw.picture(now_s, replay)
+
+    def _show(self, now_s: float, arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        from trocar.view.live import LiveView, Moment  # viser only when needed
+
+        moment = Moment(now_s, arrays)
+        if self._page is None or self._page[0] != self._where:
+            if self._page is not None:
+                self._page[1].close()
+            assert self._scenery is not None  # made in `render`
+            self._page = self._where, LiveView(self._scenery, self.config.task.name, moment)
+        self._page[1].show(moment)
+
+    @property
+    def address(self) -> str:
+        """Return where a browser finds the page of ``human``; empty without one."""
+        return "" if self._page is None else f"http://127.0.0.1:{self._page[1].port}"
+
+    def _stop(self) -> None:
+        if self._stepping is not None:
+            stepping, self._stepping = self._stepping, None
+            stepping.__exit__(None, None, None)
+        self._over = True
+
+    def close(self) -> None:
+        """End the cell, its page and its files."""
+        self._stop()
+        if self._page is not None:
+            self._page[1].close()
+            self._page = None
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+            self._prepared.clear()
+
+
+def _task(kind: type[Task], options: Mapping[str, Any]) -> Task:
+    known = tuple(kind.__dataclass_fields__)  # type: ignore[attr-defined]
+    for name in options:
+        if name not in known:
+            raise UnknownName(f"option of the environment of {kind.name!r}", name, known)
+    return kind(**options)
+
+
+def _float32(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    return low.astype(np.float32), high.astype(np.float32)

@@ -1,0 +1,185 @@
+"""Policies from outside: a function in a module or a file, a folder, a server; each answers in time or is refused."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import queue
+import socket
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trocar.errors import BadFile, InvalidInput, TrocarError
+from trocar.registry import load_file
+
+Policy = Callable[[Mapping[str, Any]], Any]
+"""Returns the action for an observation; None: it is done."""
+SERVER = "tcp://"
+IN_FOLDER = "policy.py"
+WHAT = "give a folder with a policy.py, FILE.py:function, module:function, or tcp://HOST:PORT"
+
+
+def policy_digest(policy: str) -> str:
+    """Return the SHA-256 of the files that a policy consists of; empty where they are not known.
+
+    Raises:
+        BadFile: there is none.
+        InvalidInput: it is none of what a policy can be.
+    """
+    path = Path(policy.rpartition(":")[0] or policy)
+    if policy.startswith(SERVER) or not (path.suffix == ".py" or path.exists()):
+        _parts(policy)
+        return ""
+    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    if not files or (path.is_dir() and path / IN_FOLDER not in files):
+        raise BadFile(path, f"has no {IN_FOLDER}" if path.is_dir() else "does not exist", WHAT, kind="policy")
+    digest = hashlib.sha256()
+    for file in files:
+        if "__pycache__" not in file.parts:
+            digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@contextmanager
+def load_policy(policy: str, digest: str = "", timeout_s: float = 10.0) -> Iterator[Policy]:
+    """Give a policy that is ready for one trial.
+
+    Args:
+        policy: ``DIR`` with a ``policy.py`` whose ``make(folder)`` returns the policy; ``FILE.py:name`` or
+            ``module:name`` of a function of an observation, or of a class whose instances are one;
+            ``tcp://HOST:PORT`` of a server, which gets one JSON object a line, ``{"observation": {name: numbers}}``
+            (images as ``{"shape": [...], "data": base64}``), and answers ``{"action": [...]}``, or null when it is
+            done; ``{"reset": true}`` begins a trial and is not answered.
+        digest: that its files must have; empty: any.
+        timeout_s: for an answer, or for loading it.
+
+    Raises:
+        InvalidInput: there is no such policy, or it has changed. Asked: it raised an error or did not answer in time.
+    """
+    if digest and policy_digest(policy) != digest:
+        raise InvalidInput(f"policy {policy!r}", "has changed since this run began", "choose another --out")
+    if policy.startswith(SERVER):
+        with _served(policy, timeout_s) as ask:
+            yield ask
+        return
+    worker = _Worker(f"policy {policy!r}", timeout_s)
+    found = worker.ask(lambda _: _loaded(policy), {}, "cannot be loaded:")
+    try:
+        yield lambda seen: worker.ask(found, seen, "raised")
+    finally:
+        worker.stop()
+
+
+def _parts(policy: str) -> tuple[str, str]:
+    where, colon, name = policy.rpartition(":")
+    if not (colon and where and name):
+        raise InvalidInput(f"policy {policy!r}", "does not exist", WHAT)
+    return where, name
+
+
+def _loaded(policy: str) -> Policy:
+    """Return a policy from a folder, a file or a module."""
+    if Path(policy).is_dir():
+        found = _member(_file(Path(policy) / IN_FOLDER), "make", policy)(Path(policy))
+    else:
+        where, name = _parts(policy)
+        module = _file(Path(where)) if where.endswith(".py") else import_module(where)
+        found = _member(module, name, policy)
+        found = found() if isinstance(found, type) else found
+    if not callable(found):
+        raise InvalidInput(f"policy {policy!r}", f"is {found!r:.60}", "give a function of an observation")
+    return found
+
+
+def _file(path: Path) -> Any:
+    return load_file(path, f"trocar_policy_{path.stem}", kind="policy")
+
+
+def _member(module: Any, name: str, policy: str) -> Any:
+    if not hasattr(module, name):
+        raise InvalidInput(f"policy {policy!r}", f"has no {name}", "give it a function of this name")
+    return getattr(module, name)
+
+
+class _Worker:
+    """A thread that calls a policy, so that one that hangs does not hang the trial."""
+
+    def __init__(self, item: str, timeout_s: float):
+        self._item, self._timeout_s = item, timeout_s
+        self._work: queue.SimpleQueue[tuple[Policy, Any] | None] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[tuple[Any, BaseException | None]] = queue.SimpleQueue()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        while (work := self._work.get()) is not None:
+            try:
+                self._done.put((work[0](work[1]), None))
+            except BaseException as error:
+                self._done.put((None, error))
+
+    def ask(self, function: Policy, seen: Any, failed: str) -> Any:
+        """Return a function's answer."""
+        self._work.put((function, seen))
+        try:
+            found, error = self._done.get(timeout=self._timeout_s)
+        except queue.Empty:
+            problem = f"has not answered within {self._timeout_s:g} s"
+            raise InvalidInput(self._item, problem, "make it faster, or give it more with --set timeout_s=S") from None
+        if isinstance(error, TrocarError):
+            raise error
+        if error is not None:
+            raise InvalidInput(self._item, f"{failed} {type(error).__name__}: {error}", "correct it") from error
+        return found
+
+    def stop(self) -> None:
+        """End the thread once it waits."""
+        self._work.put(None)
+
+
+@contextmanager
+def _served(policy: str, timeout_s: float) -> Iterator[Policy]:
+    """Connect to a policy's server."""
+    host, colon, port = policy.removeprefix(SERVER).rpartition(":")
+    if not (host and colon and port.isdigit()):
+        raise InvalidInput(f"policy {policy!r}", "is no address", "give tcp://HOST:PORT")
+    try:
+        link = socket.create_connection((host, int(port)), timeout_s)
+    except OSError as error:
+        raise InvalidInput(f"policy {policy!r}", f"does not answer: {error}", "start its server") from None
+    with link, link.makefile("rwb") as stream:
+
+        def say(what: Mapping[str, Any]) -> None:
+            stream.write(json.dumps(what).encode() + b"\n")
+            stream.flush()
+
+        def ask(seen: Mapping[str, Any]) -> Any:
+            try:
+                say({"observation": {name: _plain(value) for name, value in seen.items()}})
+                line = stream.readline()
+            except TimeoutError:
+                problem = f"has not answered within {timeout_s:g} s"
+                raise InvalidInput(f"policy {policy!r}", problem, "give it more with --set timeout_s=S") from None
+            except OSError as error:
+                raise InvalidInput(f"policy {policy!r}", f"is gone: {error}", "start its server again") from None
+            try:
+                return json.loads(line)["action"]
+            except (ValueError, KeyError, TypeError):
+                said = line[:60].decode(errors="replace").strip() or "nothing: it has hung up"
+                raise InvalidInput(f"policy {policy!r}", f"said {said!r}", 'answer {"action": [...]}') from None
+
+        say({"reset": True})
+        yield ask
+
+
+def _plain(value: np.ndarray) -> Any:
+    """Return an array as JSON: images packed, numbers as they are."""
+    if value.ndim == 1:
+        return value.tolist()
+    return {"shape": list(value.shape), "data": base64.b64encode(np.ascontiguousarray(value).tobytes()).decode()}

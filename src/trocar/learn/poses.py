@@ -1,0 +1,65 @@
+"""Poses of tips as data sets of dVRKs have them: position, quaternion xyzw and jaw of each arm, in metres and rad.
+
+Poses are in the world, by the base of an arm as it was registered. A quaternion and its negative are the same turn: of
+the first one of an episode, where arms are parked, the largest part is positive, and each is on the side of the one
+before. So episodes do not differ by signs, and numbers do not jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.arms import ArmModel, fk, ik
+from trocar.errors import OutOfReach
+from trocar.geometry import SE3, SO3
+
+WIDTH = 8
+"""Numbers of one arm."""
+_PARTS = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
+
+
+def state_names(arms: Sequence[str]) -> list[str]:
+    """Return the names of what arms measure, as Open-H's data sets of dVRKs have them."""
+    return [name for arm in arms for name in (*(f"{arm}_pose.{part}" for part in _PARTS), f"{arm}_jaw")]
+
+
+def action_names(arms: Sequence[str]) -> list[str]:
+    """Return the names of what arms are asked for, likewise."""
+    return [name for arm in arms for name in (*(f"{arm}_sp.{part}" for part in _PARTS), f"{arm}_jaw_sp")]
+
+
+def vectors(arm: ArmModel, T_world_base: SE3, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the numbers (n, 8) of one arm from joints and jaw (n, 7)."""
+    tip = T_world_base @ fk(arm, rows[:, :6])
+    quaternions = tip.rotation.as_quaternion()
+    first = quaternions[0, np.abs(quaternions[0]).argmax()]
+    turned = np.append(first, (quaternions[1:] * quaternions[:-1]).sum(axis=1)) < 0
+    quaternions *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
+    return np.column_stack([tip.translation_m, quaternions[:, [1, 2, 3, 0]], rows[:, 6]])
+
+
+def joints(arm: ArmModel, T_world_base: SE3, values: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray:
+    """Return joints and jaw (n, 7) from the numbers (n, 8) of one arm, each near the one before.
+
+    Args:
+        arm: the robot type.
+        T_world_base: its base.
+        values: as :func:`vectors` returns them.
+        start: (6,) joints near which the first one is.
+
+    Raises:
+        OutOfReach: a pose has no solution within the limits; says which one.
+        InvalidInput: a quaternion is zero.
+    """
+    tips = T_world_base.inverse() @ SE3.from_parts(SO3.from_quaternion(values[:, [6, 3, 4, 5]]), values[:, :3])
+    found = np.empty((len(values), 7))
+    for row in range(len(values)):
+        try:
+            start = found[row, :6] = ik(arm, tips[row], start)
+        except OutOfReach as error:
+            raise error.worded(f"frame {row}: {error}") from None
+    found[:, 6] = values[:, 7]
+    return found

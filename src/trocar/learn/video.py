@@ -1,0 +1,95 @@
+"""Images of cameras as videos: each is shown until the next one was taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from trocar.errors import InvalidInput
+from trocar.files.output import replacing
+
+CODEC, PIXELS = "h264", "yuv420p"
+OPTIONS = {"preset": "ultrafast", "crf": "23", "g": "30"}
+"""Images stand still for a second: smaller files cost three times the work."""
+THINNED = 8
+"""Statistics are taken of one in this many rows and columns."""
+
+
+def write_video(
+    path: str | Path, taken: Sequence[tuple[float, bytes]], frames: int, fps: int, size: tuple[int, int]
+) -> dict[str, Any]:
+    """Write the images of a camera as an MP4 file, and return statistics of its colours, 0 to 1, as LeRobot has them.
+
+    Before the first image it is black. One image is in memory at a time.
+
+    Args:
+        path: of the file.
+        taken: times from which on they are shown, in s, and their files, in order.
+        frames: number of frames.
+        fps: frames per second.
+        size: (height, width) in pixels.
+    """
+    import av
+
+    shown = np.searchsorted([at_s for at_s, _ in taken], np.arange(frames) / fps + 1e-9, side="right") - 1
+    height, width = size
+    sums = _Sums()
+    with replacing(path) as draft, av.open(str(draft), "w", format="mp4") as file:
+        stream = file.add_stream("libx264", rate=fps, options=OPTIONS)
+        stream.height, stream.width, stream.pix_fmt, stream.thread_count = height, width, PIXELS, 1
+        last, frame = None, None
+        for number, image in enumerate(shown.tolist()):
+            if frame is None or image != last:
+                pixels = np.zeros((height, width, 3), np.uint8) if image < 0 else opened(taken[image][1], size)
+                frame, last = av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format=PIXELS), image
+                sums.add(pixels[::THINNED, ::THINNED].reshape(-1, 3), int((shown == image).sum()))
+            frame.pts = number
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    return sums.statistics(frames)
+
+
+def opened(image: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    """Return the pixels (h, w, 3) of an image, whose sides H.264 wants even.
+
+    Raises:
+        InvalidInput: it is of another size.
+    """
+    with Image.open(BytesIO(image)) as picture:
+        pixels = np.asarray(picture.convert("RGB"))
+    height, width = (side - side % 2 for side in pixels.shape[:2])
+    if size is not None and (height, width) != size:
+        problem = f"has {width} x {height} pixels, and those before it {size[1]} x {size[0]}"
+        raise InvalidInput("an image of a camera", problem, "export runs of different cameras separately")
+    return pixels[:height, :width]
+
+
+class _Sums:
+    """Statistics of colours (n, 3), each image weighted by the number of frames that show it."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros((3, 256))
+
+    def add(self, colours: NDArray[np.uint8], weight: int) -> None:
+        for channel in range(3):
+            self._counts[channel] += weight * np.bincount(colours[:, channel], minlength=256)
+
+    def statistics(self, frames: int) -> dict[str, Any]:
+        levels, total = np.arange(256) / 255.0, self._counts.sum(axis=1)
+        share = np.cumsum(self._counts, axis=1) / total[:, None]
+        mean = self._counts @ levels / total
+        seen = self._counts > 0
+        found = {
+            "min": levels[seen.argmax(axis=1)],
+            "max": levels[255 - seen[:, ::-1].argmax(axis=1)],
+            "mean": mean,
+            "std": np.sqrt(np.maximum(0.0, self._counts @ levels**2 / total - mean**2)),
+            **{f"q{q:02d}": levels[(share >= q / 100).argmax(axis=1)] for q in (1, 10, 50, 90, 99)},
+        }
+        return {**{name: value.reshape(3, 1, 1).tolist() for name, value in found.items()}, "count": [frames]}

@@ -1,0 +1,163 @@
+import json
+import socket
+import threading
+
+import numpy as np
+import pytest
+
+import trocar as package
+from commands import trocar  # noqa: F401 (a fixture)
+from trocar.errors import BadFile, InvalidInput
+from trocar.learn.policy import load_policy, policy_digest
+
+SEEN = {"state": np.zeros(8, np.float32), "images.overhead": np.zeros((2, 3, 3), np.uint8)}
+FILE = """
+import numpy as np
+def still(seen): return seen["state"]
+def nan(seen): return np.full(8, np.nan)
+def short(seen): return [0.0, 0.0]
+def raises(seen): raise KeyError("weights")
+def hangs(seen):
+    import time
+    time.sleep(3600)
+def done(seen): return None
+class Counting:
+    def __init__(self): self.count = 0
+    def __call__(self, seen):
+        self.count += 1
+        return self.count
+number = 3
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(FILE)
+    return path
+
+
+def test_a_class_begins_anew_in_each_trial(file):
+    for _ in range(2):
+        with load_policy(f"{file}:Counting") as ask:
+            assert [ask(SEEN), ask(SEEN)] == [1, 2]
+
+
+def test_a_folder_makes_its_policy(tmp_path):
+    (tmp_path / "gain.txt").write_text("5")
+    (tmp_path / "policy.py").write_text(
+        "def make(folder):\n    gain = float((folder / 'gain.txt').read_text())\n    return lambda seen: gain\n"
+    )
+    with load_policy(str(tmp_path)) as ask:
+        assert ask(SEEN) == 5.0
+
+
+def test_a_policy_that_has_changed_is_another_one(tmp_path):
+    (tmp_path / "policy.py").write_text("def make(folder):\n    return len\n")
+    (tmp_path / "weights").write_bytes(b"1")
+    before = policy_digest(str(tmp_path))
+    (tmp_path / "weights").write_bytes(b"2")
+    assert policy_digest(str(tmp_path)) != before
+    with pytest.raises(InvalidInput, match="has changed since this run began"), load_policy(str(tmp_path), before):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("raises", "raised KeyError: 'weights'"), ("hangs", "has not answered within 0.2 s")]
+)
+def test_a_policy_that_fails_is_a_sentence(file, name, said):
+    with load_policy(f"{file}:{name}", timeout_s=0.2) as ask, pytest.raises(InvalidInput, match=said):
+        ask(SEEN)
+
+
+@pytest.mark.parametrize(
+    ("policy", "said"),
+    [
+        ("nowhere", "does not exist"),
+        ("nowhere:act", "cannot be loaded: ModuleNotFoundError"),
+        ("tcp://nobody", "is no address"),
+        ("tcp://127.0.0.1:1", "does not answer"),
+        ("{file}:missing", "has no missing"),
+        ("{file}:number", "is 3; give a function"),
+    ],
+)
+def test_what_is_no_policy_is_refused(file, policy, said):
+    with pytest.raises(InvalidInput, match=said), load_policy(policy.format(file=file)):
+        pass
+
+
+def test_a_folder_without_a_policy_is_refused(tmp_path):
+    with pytest.raises(BadFile, match=r"has no policy\.py"):
+        policy_digest(str(tmp_path))
+
+
+def serve(answers):
+    """Answer one client, line by line; return the port and what it said."""
+    server, heard = socket.create_server(("127.0.0.1", 0)), []
+
+    def run():
+        link = server.accept()[0]
+        with link, link.makefile("rwb") as stream:
+            heard.append(json.loads(stream.readline()))
+            for answer in answers:
+                heard.append(json.loads(stream.readline()))
+                stream.write(answer + b"\n")
+                stream.flush()
+
+    threading.Thread(target=run, daemon=True).start()
+    return server.getsockname()[1], heard
+
+
+def test_a_server_is_asked_line_by_line():
+    port, heard = serve([b'{"action": [1, 2]}', b'{"action": null}', b"what?"])
+    with load_policy(f"tcp://127.0.0.1:{port}") as ask:
+        assert ask(SEEN) == [1, 2]
+        assert ask(SEEN) is None
+        with pytest.raises(InvalidInput, match=r"said 'what\?'"):
+            ask(SEEN)
+        with pytest.raises(InvalidInput, match=r"hung up|is gone"):
+            ask(SEEN)
+    assert heard[0] == {"reset": True}
+    assert heard[1]["observation"]["state"] == [0.0] * 8
+    assert heard[1]["observation"]["images.overhead"]["shape"] == [2, 3, 3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "ended", "said"),
+    [
+        ("still", "OUT_OF_TIME", "had not finished after 1 s"),
+        ("done", "done", ""),
+        ("nan", "FAULT", "psm1_sp.position.x of the action is nan"),
+        ("short", "FAULT", "has the shape (2,)"),
+        ("raises", "FAULT", "raised KeyError: 'weights'"),
+    ],
+)
+def test_a_policy_is_an_agent_whose_trials_are_kept(file, tmp_path, name, ended, said):
+    policy = f"{file}:{name}"
+    trials = package.run(
+        "peg-transfer",
+        transfers=1,
+        budget_s=1.0,
+        method="policy",
+        settings={"policy": policy, "policy_digest": policy_digest(policy)},
+        out=tmp_path / "out",
+    )
+    (trial,) = trials
+    assert trial.ended == ended and said in trial.reason
+    assert len(trial.scores) == 1 and not trial.scores[0]["succeeded"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--method", "policy"], "names no policy; give --policy"),
+        (["--policy", "{file}:still"], "give --method policy or policy-calibrated"),
+        (["--method", "policy", "--policy", "{file}:missing"], "has no missing"),
+    ],
+)
+def test_the_command_line_refuses_before_anything_is_written(trocar, file, tmp_path, words, said):  # noqa: F811
+    out = tmp_path / "out"
+    code, _, err = trocar("run", "peg-transfer", "--out", out, *(word.format(file=file) for word in words))
+    assert code == 2 and said in err
+    assert not out.exists()
