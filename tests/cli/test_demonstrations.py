@@ -26,7 +26,6 @@ def test_each_episode_is_a_session_of_its_own_and_what_is_there_is_kept(command)
     files = sorted((folder / "trials").glob("session_*/trial_000.npz"))
     first, second = (Trial.load(file) for file in files)
     assert first.about["command_noise"] == 1.0 and first.about["session"] != second.about["session"]
-    assert first.scenery.T_world_base["psm1"].matrix.tolist() != second.scenery.T_world_base["psm1"].matrix.tolist()
     apart = abs(first.arrays["desired_psm1"] - first.arrays["commanded_psm1"])[:, :3]
     assert apart.max() > 1e-3, "what was asked for has no noise; what was sent has"
     assert read_episode(folder / "data", 1).frames > 30
