@@ -55,7 +55,9 @@ def main() -> None:
     (wall_s, cpu_s), again = times
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"{done.episodes} episodes, {done.frames} frames, {size / 1e6:.0f} MB; at most {peak:.0f} MB of memory")
-    print(f"{wall_s:.0f} s on {os.cpu_count()} cores; {cpu_s:.0f} s of processor time, {cpu_s / CORES:.0f} s of {CORES}")
+    print(
+        f"{wall_s:.0f} s on {os.cpu_count()} cores; {cpu_s:.0f} s of processor time, {cpu_s / CORES:.0f} s of {CORES}"
+    )
     print(f"all of it there already: {again[0]:.0f} s, {again[1]:.0f} s of processor time")
     share = 200 / done.episodes * cpu_s / CORES / TARGET_S
     print(f"200 episodes: {100 * share:.0f} % of the {TARGET_S:.0f} s allowed, if nothing else runs")
