@@ -3,7 +3,7 @@
 A listener beside them notes when each set-point came and what it was. Times are this machine's.
 
     python benchmarks/bench_crtk.py                  # 20 s a rate, over ROS 2
-    python benchmarks/bench_crtk.py --seconds 600
+    python benchmarks/bench_crtk.py --seconds 600 --rates 200 500
     python benchmarks/bench_crtk.py --ros 1          # where rospy and a master are (tools/ros1.sh)
 """
 
@@ -113,12 +113,13 @@ def main() -> None:
     """Print how set-points fare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--rates", type=int, nargs="*", default=[100, 200, 500], metavar="HZ")
     parser.add_argument("--ros", type=int, default=2)
-    parser.add_argument("--domain", type=int, default=77)
+    parser.add_argument("--domain", type=int, default=207)  # the tests take 40 to 190
     parser.add_argument("--master", default="http://127.0.0.1:11311")
     given = parser.parse_args()
     topics = Topics(ros=given.ros, domain=given.domain, master=given.master)
-    for rate_hz in (100, 200, 500):
+    for rate_hz in given.rates:
         steady(topics, rate_hz, given.seconds)
 
 

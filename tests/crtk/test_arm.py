@@ -130,6 +130,18 @@ def test_an_arm_that_does_not_listen_to_what_it_would_be_sent_is_not_connected()
         CrtkArm("psm1", topics)
 
 
+def test_an_arm_whose_readings_two_robots_publish_is_not_connected():
+    alone = DOMAIN + 2
+    with controller(domain=alone), controller(domain=alone):
+        reads = open_bus(Topics(domain=alone)).subscriber("/PSM1/measured_js", JointState)
+        senders = set()
+        until(lambda: (reads.take() and senders.update(reads.sent_by)) or len(senders) == 2)
+        with pytest.raises(
+            InvalidInput, match=r"'psm1' has its readings published by process \d+ .* and by process \d+"
+        ):
+            CrtkArm("psm1", Topics(domain=alone, dialect=Dialect.CRTK_1_0))
+
+
 def test_an_arm_that_is_not_enabled_or_not_homed_is_not_connected():
     with controller() as running:
         connected()

@@ -100,6 +100,25 @@ def test_a_stream_that_was_held_up_is_caught_up_with_and_its_end_is_not_overshot
     assert driven[-1, 0] == pytest.approx(end_m, abs=1e-9)
 
 
+@pytest.mark.parametrize("stamped", [True, False])
+@given(seed=st.integers(0, 1000), phase_s=st.floats(0.0, 0.009))
+@settings(max_examples=40, deadline=None)
+def test_a_sender_whose_timer_errs_by_a_tenth_of_its_period_is_followed_to_its_goal(stamped, seed, phase_s):
+    """It rests, then accelerates and brakes with all of the limit: one tick of too little braking would be too much."""
+    rng, end_m = np.random.default_rng(seed), 0.3
+    half_s = np.sqrt(end_m / LIMITS.acceleration[0])
+    times = np.arange(-1.0, 2 * half_s + 0.5, 0.01)
+    change = LIMITS.acceleration[0] / 2
+    q = np.where(times < half_s, change * times.clip(0) ** 2, end_m - change * (2 * half_s - times).clip(0) ** 2)
+    sent = times + rng.uniform(0.0, 1e-3, len(times))
+    came = np.maximum.accumulate(101.0 + phase_s + sent + rng.uniform(0.0, 2e-4, len(times)))
+    stream = [(c, 7.0 + t if stamped else None, (x, 0.0)) for c, t, x in zip(came, sent, q, strict=True)]
+    driven, _ = played(stream, 3.0)
+    assert keeps_limits(driven)
+    assert driven[:, 0].max() < end_m + 5e-4
+    assert driven[-1, 0] == pytest.approx(end_m, abs=1e-9)
+
+
 def test_a_stream_that_breaks_off_is_braked_and_returns_to_its_last_set_point():
     times = np.arange(0, 0.3, 0.01)
     q, _ = played([(100.0 + t, 1.0 + t, (0.9 * t, 0.0)) for t in times], 1.5)

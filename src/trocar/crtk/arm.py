@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ from trocar.hardware.arm import ArmFault, Fault, HardwareReading
 from trocar.lab.topics import Command, Dialect, Topics
 
 CONNECT_S = 5.0
+LISTEN_S = 0.1
+"""So long it is listened at least, so that a second robot of the same name is heard."""
 SILENT_S = 0.05
 """After so long without a reading it is looked at whether anybody publishes."""
 ALONE_S = 0.03
@@ -49,7 +51,8 @@ class CrtkArm:
         topics: where it is found, and how it is commanded.
 
     Raises:
-        InvalidInput: the arm publishes nothing, or is not enabled and homed.
+        InvalidInput: the arm publishes nothing, does not subscribe what it would be sent, is not enabled and homed, or
+            two publish its readings.
     """
 
     def __init__(self, name: str, topics: Topics):
@@ -79,25 +82,32 @@ class CrtkArm:
         self._require_enabled()
 
     def _wait_for(self, topics: Topics, jaw: str, command: str) -> None:
-        topic, deadline_s = self._topic, time.monotonic() + CONNECT_S
+        topic, begun_s = self._topic, time.monotonic()
         held = held_topic(self._dialect)
         needed = {f"{topic}/operating_state": self._state, f"{topic}/measured_js": self._measured}
         needed |= {f"{topic}/{held}": self._setpoint}
         needed |= {f"{jaw}/measured_js": self._jaw_measured, f"{jaw}/{held}": self._jaw_setpoint}
+        senders: set[Hashable] = set()
         outs = {f"{topic}/{command}": self._out} | ({f"{jaw}/{command}": self._jaw_out} if self._jaw_out else {})
         while True:
             self._take()
+            senders.update(self._measured.sent_by)
             silent = [name for name, source in needed.items() if source.last is None]
             deaf = [name for name, out in outs.items() if out.readers() < 2]  # one of ours looks for what others send
-            if not (silent or deaf):
+            waited_s = time.monotonic() - begun_s
+            if not (silent or deaf) and waited_s > LISTEN_S:
                 break
-            if time.monotonic() > deadline_s:
+            if (silent or deaf) and waited_s > CONNECT_S:
                 said = [f"publishes no {' and no '.join(silent)}"] * bool(silent)
                 said += [f"does not subscribe {' and '.join(deaf)}"] * bool(deaf)
                 problem = f"{' and '.join(said)} within {CONNECT_S:g} s on {topics.interface}"
                 remedy = "check that it runs, its namespace, interface and domain"
                 raise InvalidInput(f"CRTK arm {self._name!r}", problem, remedy)
             time.sleep(0.01)
+        if len(senders) > 1:
+            who = " and by ".join(sorted(str(self._bus.client(sender)) for sender in senders))
+            problem = f"has its readings published by {who}"
+            raise InvalidInput(f"CRTK arm {self._name!r}", problem, f"end all but one that publish {topic}/measured_js")
         for source in self._others.values():
             source.take()  # what others sent before this
 

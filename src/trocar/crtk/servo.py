@@ -17,18 +17,27 @@ ALONE_S = 0.1
 """A set-point that comes later than this after the one before is not of the same stream."""
 PAUSE_S = 1.0
 """After so long without a set-point the clocks of sender and receiver are compared anew."""
+INTERVALS = 50
+"""The median of so many intervals is a stream's period."""
+UNEVEN_S = DELAY_S / 2
+"""A set-point of a moving stream that is less out of step than this is played back in step. A sender's timer errs by
+fractions of a millisecond, which would look like jumps of speed: at 1 ms of them, an arm that braked as hard as its
+limits allow missed its goal by up to 3 mm."""
+MAX_DRIFT = 0.002
+"""Share of the period by which the step may then change, to follow the sender's clock."""
 
 
 class SetPoints:
     """A stream of set-points, played back as its sender timed it.
 
     Their stamps say how far they are apart; the fastest of them to arrive says how the sender's clock differs from
-    this machine's. Without stamps, their arrival counts.
+    this machine's. Without stamps, their arrival counts. While a stream moves, it is played back at an even pace.
     """
 
     def __init__(self) -> None:
         self._points: deque[tuple[float, NDArray[np.float64]]] = deque()
-        self._ahead_s = np.inf
+        self._intervals_s: deque[float] = deque(maxlen=INTERVALS)
+        self._came_s, self._ahead_s = -np.inf, np.inf
 
     def add(
         self, q: NDArray[np.float64], now: NDArray[np.float64], came_s: float, stamp_s: float | None
@@ -47,10 +56,17 @@ class SetPoints:
         at_s = came_s
         if stamp_s is not None:
             self._ahead_s = min(self._ahead_s, came_s - stamp_s)
-            at_s = max(stamp_s + self._ahead_s, last_s)
+            at_s = stamp_s + self._ahead_s
+        interval_s, self._came_s = at_s - self._came_s, at_s
         if at_s - last_s > ALONE_S:  # from where the arm waits, within a tick
             last_s = at_s - TICK_S
             self._points.append((last_s, last))
+            self._intervals_s.clear()
+        else:
+            self._intervals_s.append(interval_s)
+            if (q != last).any():
+                at_s = self._in_step(at_s, last_s)
+        at_s = max(at_s, last_s)
         self._points.append((at_s, q))
         return np.abs(q - last) / max(at_s - last_s, TICK_S)
 
@@ -66,6 +82,13 @@ class SetPoints:
             return first
         next_s, following = self._points[1]
         return first + (following - first) * ((play_s - first_s) / (next_s - first_s))
+
+    def _in_step(self, at_s: float, last_s: float) -> float:
+        """Return when to play back what is due at this time, a period after the one before."""
+        period_s = float(np.median(self._intervals_s))
+        off_s = at_s - last_s - period_s
+        drift_s = MAX_DRIFT * period_s
+        return last_s + period_s + min(max(off_s, -drift_s), drift_s) if abs(off_s) < UNEVEN_S else at_s
 
     def clear(self) -> None:
         """Forget all of them."""

@@ -12,6 +12,7 @@ import trio
 
 from trocar.cell import Cell, MotionResult
 from trocar.errors import MotionRefused, UnknownName
+from trocar.geometry import SE3
 from trocar.geometry.capsules import Capsules
 from trocar.log import timed
 from trocar.robots.concurrency import first_of
@@ -131,6 +132,10 @@ class Coordinator:
         """Record what an arm has in its jaws now, in the frame of its tip; None: nothing."""
         self._lanes[arm].held = held
         self._motions.notify()
+
+    def stands(self, arm: str, T_world_base: SE3) -> None:
+        """Record where an arm's base is, if that has become known better than it was registered."""
+        self._lanes[arm].T_world_base = T_world_base
 
     def carries(self, arm: str) -> bool:
         """Return whether an arm was recorded as having something in its jaws."""

@@ -130,7 +130,7 @@ class Lane:
 
     Attributes:
         model: of the arm.
-        T_world_base: its base as registered.
+        T_world_base: its base, as registered or better.
         announced: its motion; None at rest.
         held: solids in its jaws, in the frame of its tip; None: empty.
         departure: how it gets away from where that motion ends; None: not needed there.

@@ -23,8 +23,9 @@ HELD_RAD = 0.18
 
 
 def between(giver: str, receiver: str, settings=SETTINGS) -> HandoverGeometry:
+    bases = {name: T_WORLD_BASE[name] for name in (giver, receiver)}
     gives, takes = (
-        Partner(ARM_MODELS[name], T_WORLD_BASE[name], SETTINGS.taking_rad, HELD_RAD) for name in (giver, receiver)
+        Partner(ARM_MODELS[name], base, base, SETTINGS.taking_rad, HELD_RAD) for name, base in bases.items()
     )
     return HandoverGeometry(gives, takes, SE3.identity(), BLOCK, settings)
 

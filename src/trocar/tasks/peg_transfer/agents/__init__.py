@@ -71,6 +71,7 @@ class Settings:
     fixed_wrist: bool = False
     looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest
     looks_before_placing: bool = False  # stop over the target, look how the block hangs in the jaws, lower it like that
+    learns_offset: bool = False  # correct where the tip is by looks at blocks in the jaws
     looks: int = 5  # how often an arm looks for a block that the other arm may hide
     teaching_looks: int = 0  # looks at its own wrist before the first transfer; 0: it does not learn its cables
     retries: int = 1  # how often a failed pick is tried again
@@ -108,7 +109,7 @@ def quick() -> Settings:
 
     A run reports if a machine needs longer (``missed_budgets``).
     """
-    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, fixed_wrist=True)
+    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, fixed_wrist=True, learns_offset=True)
 
 
 def learning() -> Settings:

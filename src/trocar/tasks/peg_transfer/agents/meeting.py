@@ -41,7 +41,8 @@ class Partner:
     """An arm that takes part."""
 
     model: ArmModel
-    T_world_base: SE3  # its base as registered
+    T_world_base: SE3  # its base, as far as is known
+    T_world_base_registered: SE3  # from where the robot's guard measures distances
     open_rad: float  # opening of its jaws round a wall
     held_rad: float  # opening when closed on it
 
@@ -112,8 +113,10 @@ class HandoverGeometry:
         leaving = self._joints_above(giver, T_board_giver, settings.parts_m)
         if leaving is None:
             return None
-        holding = capsules(giver.model, leaving[0], giver.held_rad).moved(giver.T_world_base)
-        rising = capsules(giver.model, leaving, giver.open_rad).moved(giver.T_world_base)
+        holding = capsules(giver.model, leaving[0], giver.held_rad)
+        rising = capsules(giver.model, leaving, giver.open_rad)
+        T_giver_receiver = giver.T_world_base.inverse() @ receiver.T_world_base
+        T_guarded = giver.T_world_base_registered.inverse() @ receiver.T_world_base_registered
         best: Grasp | None = None
         grasps = vertical_grasps(T_board_block, settings.depth_m, self.block.wall_middle_m)
         for candidate, T_board_tip in enumerate(grasps):
@@ -125,10 +128,14 @@ class HandoverGeometry:
                 coming = self._joints_above(receiver, pose, settings.waits_above_m)
                 if coming is None:
                     continue
-                lowering = capsules(receiver.model, coming, receiver.open_rad).moved(receiver.T_world_base)
-                taking = capsules(receiver.model, coming[0], receiver.held_rad).moved(receiver.T_world_base)
-                both = (lowering, holding), (rising, taking)
-                room = min(float(capsule_distances_m(one, other).min()) for one, other in both)
+                lowering = capsules(receiver.model, coming, receiver.open_rad)
+                taking = capsules(receiver.model, coming[0], receiver.held_rad)
+                both = (lowering, holding), (taking, rising)
+                room = min(
+                    float(capsule_distances_m(one.moved(place), other).min())
+                    for one, other in both
+                    for place in (T_giver_receiver, T_guarded)
+                )
                 if best is None or room > best.clearance_m:
                     best = Grasp(pose, coming[0], receiver.open_rad, room, candidate)
         return best
@@ -215,7 +222,10 @@ class Side:
 
     def geometry(self, giver: PegArm, receiver: PegArm, held_rad: float | None = None) -> HandoverGeometry:
         """Return how both arms can hold a block on which the giving one's jaws are closed; None: as far as now."""
-        bases, held_rad = self.cell.T_world_base_registered, giver.hand.jaw_rad if held_rad is None else held_rad
-        gives = Partner(giver.model, bases[giver.name], self.settings.release_rad, held_rad)
-        takes = Partner(receiver.model, bases[receiver.name], self.settings.taking_rad, held_rad)
+        held_rad = giver.hand.jaw_rad if held_rad is None else held_rad
+
+        gives, takes = (
+            Partner(arm.model, arm.motions.T_world_base, arm.motions.T_world_base_registered, open_rad, held_rad)
+            for arm, open_rad in ((giver, self.settings.release_rad), (receiver, self.settings.taking_rad))
+        )
         return HandoverGeometry(gives, takes, self.table.T_world_board, self.table.block, self.settings)

@@ -17,6 +17,7 @@ from trocar.geometry.capsules import Capsules
 from trocar.motion import TimedPath, plan_through, rest_to_rest, straight
 from trocar.robots.arm_script import ArmScript
 from trocar.robots.traffic import Departure
+from trocar.tasks.peg_transfer.agents.offset import TipOffset
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.grasps import Grasp, choose_place, held_block, hole_over
 from trocar.tasks.peg_transfer.shapes import Block
@@ -71,20 +72,31 @@ class Motions:
     """Plans the motions of one arm, including their commands.
 
     All are planned from given joints, so that the next one can be planned while the arm is still on its way there.
+
+    Attributes:
+        offset: how far the tip is from where its joints have it.
+        T_world_base_registered: the base as registered, from where the robot's guard measures distances.
     """
 
     def __init__(self, context: AgentContext, hand: ArmScript, table: Table):
-        self._robot, self._T_world_base = context.cell.robot, context.cell.T_world_base_registered[hand.name]
+        self._robot, self.T_world_base_registered = context.cell.robot, context.cell.T_world_base_registered[hand.name]
         self._name, self._model, self._table = hand.name, hand.model, table
         self._log, self._settings, self._planner = context.cell.log, context.settings, context.planner
         hands_over = context.nominal.variant == "handover"
         places_still = context.settings.looks_before_placing or not hands_over
         self._still_when_placing = context.settings.fixed_wrist and places_still
+        self.offset = TipOffset()
+
+    @property
+    def T_world_base(self) -> SE3:
+        """Return where the base has to be for the tip to be where it is, as far as that is known."""
+        T_world_board, moved = self._table.T_world_board, SE3.from_parts(translation_m=[*self.offset.xy_m, 0.0])
+        return T_world_board @ moved @ T_world_board.inverse() @ self.T_world_base_registered
 
     @property
     def T_base_board(self) -> SE3:
         """Return the pose of the board in the arm's base."""
-        return self._T_world_base.inverse() @ self._table.T_world_board
+        return self.T_world_base.inverse() @ self._table.T_world_board
 
     def tip(self, q: Joints) -> SE3:
         """Return the pose of the tip in the board's frame."""

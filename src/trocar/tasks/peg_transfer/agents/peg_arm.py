@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import trio
+from numpy.typing import NDArray
 
 from trocar.cell import MotionResult, Result
 from trocar.errors import ArmStopped, MotionRefused
@@ -78,6 +79,13 @@ class PegArm:
     def holds(self) -> bool:
         """Return whether the jaws' motor stalled on something as thick as a block's wall."""
         return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
+
+    def learn_offset(self, off_m: NDArray[np.float64]) -> None:
+        """Learn from a block in these jaws that was seen (2,) off where it was expected, in the board's axes."""
+        across, offset = self.T_board_tip.matrix[:2, 0], self.motions.offset
+        offset.learn(across / np.linalg.norm(across), off_m)
+        self.coordinator.stands(self.name, self.motions.T_world_base)
+        self.cell.log.event("offset", arm=self.name, mm=np.round(1e3 * offset.xy_m, 2).tolist())
 
     async def exercise_wrist(self) -> None:
         """Turn the wrist back and forth, see ``ArmScript.exercise_wrist``, and find where the jaws are closed."""

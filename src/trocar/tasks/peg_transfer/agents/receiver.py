@@ -114,7 +114,7 @@ class Receiver(Side):
         await meeting.offered.wait()
         if meeting.outcome is not None or meeting.T_board_block is None:
             return None
-        block = await self.arm.eyes.see_held(meeting.T_board_block)
+        block = await self.arm.eyes.see_held(self.other, meeting.T_board_block)
         if block is None:
             return None
         return block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, []))
@@ -156,10 +156,10 @@ class Receiver(Side):
         failed: list[int] = []
         for attempt in range(1 + self.settings.retries):
             looked = await self._looked.take()
-            block, descent = looked or (await self.arm.eyes.see_held(meeting.T_board_block), None)
+            block, descent = looked or (await self.arm.eyes.see_held(self.other, meeting.T_board_block), None)
             if block is None:
                 await self.arm.go_home()
-                block = await self.arm.eyes.see_held(meeting.T_board_block)
+                block = await self.arm.eyes.see_held(self.other, meeting.T_board_block)
             if block is None:
                 return None
             grasp = await self._come(block, failed, descent)

@@ -140,8 +140,11 @@ class Eyes:
                 return grasp
         return grasp, TransferOutcome.OUT_OF_REACH
 
-    async def see_held(self, T_board_expected: SE3) -> SE3 | None:
-        """Look at a block in an arm's jaws, near where its joints have it; return its pose, nearly upright, or None."""
+    async def see_held(self, holder: PegArm, T_board_expected: SE3) -> SE3 | None:
+        """Look at a block in an arm's jaws, near where its joints have it; return its pose, nearly upright, or None.
+
+        What the holding arm is off by is learned, if the settings say so.
+        """
         image, table = await self.table.capture(self.arm.hand), self.table
         found = await self._perceive(
             lambda: table.see.find_held_block(image, table.T_camera_board, table.block, T_board_expected)
@@ -149,17 +152,19 @@ class Eyes:
         if isinstance(found, str):
             self.arm.cell.log.event("no look", arm=self.arm.name, reason=found)
             return None
+        if self.settings.learns_offset:
+            holder.learn_offset((found.translation_m - T_board_expected.translation_m)[:2])
         return found
 
     async def see_own(self, T_tip_block: SE3) -> SE3:
         """Look at the block in this arm's jaws; return its pose there, or the expected one if it is not seen."""
-        tip = self.arm.T_board_tip
-        seen = await self.see_held(tip @ T_tip_block)
+        expected = self.arm.T_board_tip @ T_tip_block
+        seen = await self.see_held(self.arm, expected)
         if seen is None:
             return T_tip_block
-        off = seen.translation_m - (tip @ T_tip_block).translation_m
+        off = seen.translation_m - expected.translation_m
         self.arm.cell.log.event("correction", arm=self.arm.name, off_mm=np.round(1e3 * off, 2).tolist())
-        return tip.inverse() @ seen
+        return self.arm.T_board_tip.inverse() @ seen
 
     async def _perceive(self, compute: Callable[[], Result]) -> Result:
         return await self.arm.hand.compute("perception", self.settings.perception_budget_s, compute)
