@@ -88,7 +88,7 @@ def test_without_the_extra_a_recording_says_what_to_install(trocar, run, tmp_pat
         ("nowhere", (), "folder .* does not exist"),
         ("nowhere.npz", (), "does not exist; give another"),
         ("run/run.json", (), "is not a trial; give the folder of a run, or a file such as trial_000.npz"),
-        ("run", ("--format", "xlsx"), "format 'xlsx' is unknown; choose one of csv, parquet, mcap"),
+        ("run", ("--format", "xlsx"), "format 'xlsx' is unknown; choose one of csv, parquet, mcap, lerobot"),
     ],
 )
 def test_what_cannot_be_exported_is_one_sentence(trocar, run, tmp_path, what, words, said):
@@ -96,3 +96,32 @@ def test_what_cannot_be_exported_is_one_sentence(trocar, run, tmp_path, what, wo
     assert (code, out) == (2, "")
     assert not (tmp_path / "tables").exists()
     assert re.search(said, err)
+
+
+def test_a_data_set_for_learning_is_written_with_the_layout_that_is_asked_for(trocar, run, tmp_path):
+    code, out, err = trocar("export", run, "--format", "lerobot", "--out", tmp_path / "a", "--json")
+    said = json.loads(out)
+    assert code == 0 and (said["episodes"], said["frames"], said["layout"]) == (1, 6, "lerobot")
+    assert len(said["left_aside"]) == 3 and "trial_001.npz' is of another run" in err
+    assert not [name for name in said["features"] if "truth" in name]
+    words = ("export", run, "--format", "lerobot", "--layout", "open-h", "--truth", "--commanded")
+    code, out, _ = trocar(*words, "--out", tmp_path / "b")
+    assert code == 0 and f"{tmp_path / 'b'}: 1 episode, 6 frames, layout open-h" in out
+    info = json.loads((tmp_path / "b" / "meta" / "info.json").read_text())
+    assert info["codebase_version"] == "v2.1" and "truth.joints" in info["features"]
+    listed = json.loads((tmp_path / "b" / "meta" / "episodes.jsonl").read_text())
+    assert listed["commanded"] is True and listed["success"] is True
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--layout", "open-h"), "--layout is not for --format csv; drop it, or give --format lerobot"),
+        (("--truth", "--format", "mcap"), "--truth is not for --format mcap"),
+        (("--successes",), "--successes is not for --format csv"),
+        (("--format", "lerobot", "--layout", "rlds"), "--layout 'rlds'"),
+    ],
+)
+def test_options_of_data_sets_need_their_format(trocar, run, tmp_path, words, says):
+    code, _, err = trocar("export", run, "--out", tmp_path / "out", *words)
+    assert code == 2 and says in err and not (tmp_path / "out").exists()

@@ -159,6 +159,11 @@ def test_failures_can_be_left_out_and_nothing_of_an_earlier_export_stays(trials,
     assert (done.episodes, done.left_out) == (2, 1)
     assert len(frames(tmp_path)) == 2 == len(list((tmp_path / "videos").rglob("*.mp4")))
     assert frames(tmp_path)[1]["index"][0].as_py() == 91
+    kept = episode_of(trials[2]).columns[ACTION]
+    assert np.array_equal(np.array(frames(tmp_path)[1][ACTION].to_pylist(), np.float32), kept)
+    export_lerobot(trials, tmp_path, commanded=True)
+    sent = episode_of(trials[0], commanded=True).columns[ACTION]
+    assert np.array_equal(np.array(frames(tmp_path)[0][ACTION].to_pylist(), np.float32), sent)
     with pytest.raises(InvalidInput, match="no trial that reached all its goals; drop --successes"):
         export_lerobot(trials[1:2], tmp_path / "none", successes=True)
 

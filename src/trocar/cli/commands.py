@@ -112,7 +112,7 @@ STATION = {
 
 IMPORT = {
     "lerobot": Known(
-        "Replay the commands of a LeRobot data set in the cell, on cables that err, and tell how far tips were off.",
+        "Replay the commands of an episode in the cell, on cables that err, and keep the trial as any other.",
         "trocar.cli.learn:import_lerobot",
         "trocar import lerobot out/episodes --task peg-transfer --episode 0",
     )

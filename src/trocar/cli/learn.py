@@ -56,7 +56,7 @@ def import_lerobot(
     from trocar.learn.read import read_episode
     from trocar.learn.replayed import COMPENSATED, METHOD, Source, deviations, register
 
-    read_episode(data, episode)  # a sentence before anything is made
+    recorded = read_episode(data, episode)  # what is wrong with it is told before anything is made
     source = Source(str(data.absolute()), episode, frame)
     kind = TASKS.pick(task)
     register(kind.name)
@@ -68,6 +68,9 @@ def import_lerobot(
         difficulty=difficulty,
         plugins=tuple(str(path.absolute()) for path in plugin or ()),
     )
+    for arm in recorded.actions:
+        if arm not in config.laboratory.arms:
+            raise UnknownName("arm of the data set", arm, config.laboratory.arms)
     unusual = {"data": str(data), "episode": episode, "option": option or [], "difficulty": difficulty}
     folder = out or default_folder(f"{config.method}-{task}-{seed}", unusual)
     with progress() as tick:

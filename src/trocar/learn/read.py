@@ -149,7 +149,8 @@ def _rows(path: Path, number: int, columns: list[str] | None = None) -> pa.Table
         for name in columns or ["episode_index"]:
             if name not in has:
                 raise BadFile(path, f"lacks the column {name!r} (it has {', '.join(has)})", "fetch the data set again")
-        return pq.read_table(path, columns=columns, filters=[("episode_index", "=", number)], partitioning=None)
+        rows = [("episode_index", "=", number)]
+        return pq.read_table(path, columns=columns, filters=rows, partitioning=None)  # type: ignore[arg-type]
     except (pa.ArrowException, OSError, EOFError):
         raise BadFile(path, CUT, "fetch the data set again") from None
 

@@ -48,18 +48,17 @@ class Source:
     episode: int = 0
     frame: str = WORLD
 
+    def __post_init__(self) -> None:
+        if self.frame not in (WORLD, BASE):
+            raise UnknownName("--frame", self.frame, (WORLD, BASE))
+
 
 class Replay:
     """Moves to where the commands begin, then plays them, slower where the arms' limits ask for it."""
 
     def __init__(self, context: AgentContext):
         self.cell, self.source = context.cell, context.settings
-        if self.source.frame not in (WORLD, BASE):
-            raise UnknownName("--frame", self.source.frame, (WORLD, BASE))
         self.recorded = read_episode(self.source.data, self.source.episode)
-        for arm in self.recorded.actions:
-            if arm not in self.cell.arms:
-                raise UnknownName("arm of the data set", arm, self.cell.arms)
 
     async def run(self) -> None:
         """Replay the episode."""

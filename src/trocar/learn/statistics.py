@@ -30,7 +30,7 @@ def together(parts: Sequence[Statistics]) -> dict[str, Any]:
         return np.array([part[name] for part in parts], dtype=np.float64)
 
     def averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.tensordot(counts / counts.sum(), values, axes=1)
+        return np.average(values, axis=0, weights=counts)
 
     mean = averaged(of("mean"))
     found = {"min": of("min").min(0), "max": of("max").max(0), "mean": mean}
