@@ -286,7 +286,6 @@ class CircleSuturing:
                 await self.hand.go(start)
             except MotionRefused:  # a joint's range ends there; following the path will report it
                 return
-            tracker.estimator.adjusted()
 
     async def open(self) -> None:
         """Open the jaws on the needle, which the tissue holds meanwhile."""
@@ -347,8 +346,6 @@ class CircleSuturing:
                 await self.hand.go(q[0])
             if len(q) > 1:
                 await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
-            if self.tracker:
-                self.tracker.estimator.moved(segment.length_m)
         except MotionRefused as error:
             return f"suture {number + 1}, {segment.name}: {error}; stopped before it"
         return reason
