@@ -23,7 +23,9 @@ FADING_SD = np.array([1.6e-3, 1.6e-3, 0.27e-3, 0.009, 0.027, 0.018])
 as they turn it, so that a needle whose attitude is hardly seen is known by its place."""
 FADES_M = np.array([30e-3, 30e-3, 30e-3, 5e-3, 5e-3, 5e-3])
 """Distance between two places of the jaws over which their errors' correlation falls to 1/e, wherever the jaws were
-meanwhile: jaws that come back to where they were err much as they did there."""
+meanwhile: jaws that come back err much as they did there. (In 96 sutures at `recorded`, yaw just before the exit
+correlated by .69 with yaw at the end of the rotation, 8 deg of push away, and by .23 with it where the push began,
+35 deg away; q1 and q2 by .98 and .75.)"""
 FLEETING, FLEES_S = np.array([0.0, 0.0, 0.0, 0.2, 0.2, 0.2]), 1.5
 """Share of the variance that no way repeats, and the time over which its correlation falls to 1/e."""
 MOST_PLACES = 12
