@@ -20,7 +20,7 @@ from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, Window
 from trocar.perception.instrument_solids import InstrumentSolids
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate, NeedleEstimator
+from trocar.tasks.suture.agents.needle_estimator import TAKING, NeedleEstimate, NeedleEstimator
 from trocar.tasks.suture.perception import NeedleSighting, floor_height_m, search_starts, sight_needle
 from trocar.tasks.suture.planning.primitive import driven_steps, grasp_pose
 from trocar.tasks.suture.planning.segments import Segment
@@ -201,8 +201,8 @@ class NeedleTracker:
 
     def took(self, setup: SutureSetup) -> None:
         """Note that the jaws have closed, in the grasp of this setup, on the needle that something else held."""
-        self._setup, self._grips = setup, -1
-        self.gripped()
+        self._setup, self._grips = setup, 0
+        self.estimator.regrasped(self._T_base_tip, self._T_tip_needle_planned, TAKING)
 
     @property
     def needle(self) -> NeedleEstimate:
