@@ -19,6 +19,7 @@ from trocar.tasks.suture.agents.needle_estimator import (
     LOADED,
     MOST_PLACES,
     NEEDLE,
+    TAKING,
     NeedleEstimate,
     NeedleEstimator,
     alike,
@@ -174,6 +175,22 @@ def test_closing_jaws_move_a_needle_that_the_tissue_holds_and_what_was_known_of_
     added = of_grasp(estimator, after.covariance - held.covariance)
     scale = np.sqrt(np.diag(CLOSING + LOADED))
     assert np.abs((added - CLOSING) / np.outer(scale, scale)).max() < 0.02
+
+
+def test_closing_jaws_turn_a_needle_in_the_tissue_about_its_tip():
+    held, moved = TIP @ HELD, TIP @ HELD @ BACK.inverse()
+    p_tip = SETUP.needle.p_tip_m
+    lever = np.column_stack([np.eye(3), np.cross(np.eye(3), p_tip).T])
+    aside_mm = {}
+    for name, closing in {"tissue": CLOSING, "elsewhere": TAKING}.items():
+        estimator = loaded()
+        estimator.resting(NeedleEstimate(held, np.diag(np.repeat([1e-6, 1e-5], 3) ** 2)))
+        estimator.regrasped(moved, BACK, closing)
+        covariance = estimator.needle(moved).covariance
+        aside_mm[name] = 1e3 * np.sqrt((lever @ covariance @ lever.T)[2, 2])
+        assert 1e3 * np.sqrt(covariance[2, 2]) > 0.08, "the rest of the needle goes aside"
+    assert aside_mm["tissue"] < 0.08
+    assert aside_mm["elsewhere"] > 0.11
 
 
 def test_a_needle_in_the_tissue_that_was_seen_elsewhere_is_less_sure():
