@@ -325,11 +325,8 @@ def gather_evidence(
     Colours are taken from the first image, since the others have the same. One in ``every`` rows and columns is read.
     """
     half = np.array([needle.radius_m, needle.radius_m, 0.0]) + 0.5 * needle.wire_m + max(near_m, MARGIN_M)
-    patches = [
-        patch.thinned(every)
-        for image in images
-        if (patch := patch_around(image, T_camera_needle, -half, half)) is not None
-    ]
+    found = (patch_around(image, T_camera_needle, -half, half) for image in images)
+    patches = [patch.thinned(every) for patch in found if patch is not None]
     if not patches:
         return None
     T_needle, T_floor = T_camera_needle.inverse(), T_camera_floor.inverse()

@@ -9,16 +9,20 @@ from trocar.tasks.suture.agents.needle_estimator import (
     CAMERA,
     CLOSING,
     DOUBT,
-    FADING,
+    FADES_M,
     FADING_SD,
     FLAT,
     FLAT_SD,
-    GRIP,
-    LASTING,
+    FLEES_S,
+    FLEETING,
     LASTING_SD,
     LOADED,
+    MOST_PLACES,
+    NEEDLE,
+    TAKING,
     NeedleEstimate,
     NeedleEstimator,
+    alike,
 )
 from trocar.tasks.suture.perception import NeedleSighting
 from trocar.tasks.suture.planning.primitive import grasp_pose
@@ -36,10 +40,14 @@ def seen_at(T):
     return NeedleSighting(T, SHARP.information, SHARP.pixels, SHARP.depth_sd_m)
 
 
-def loaded():
-    estimator = NeedleEstimator(SETUP.arm)
+def loaded(time_s=0.0):
+    estimator = NeedleEstimator(SETUP.arm, lambda: time_s)
     estimator.loaded(HELD)
     return estimator
+
+
+def beside(T_base_tip, x_m):
+    return SE3.from_parts(translation_m=[x_m, 0.0, 0.0]) @ T_base_tip
 
 
 def sd(estimate):
@@ -67,29 +75,62 @@ def test_a_look_is_taken_over_and_a_wild_one_is_not():
     np.testing.assert_array_equal(estimator.needle(TIP).T_base_needle.matrix, before)
 
 
-def test_on_a_long_way_what_was_seen_of_the_arm_is_forgotten_but_not_how_the_needle_lies():
+def test_far_away_what_was_seen_of_the_arm_does_not_count_but_how_the_needle_lies_does():
     estimator = loaded()
     estimator.update(TIP, SE3.identity(), seen_at(estimator.needle(TIP).T_base_needle @ SE3.exp([0, 0, 0, 0.08, 0, 0])))
-    lies, off = estimator.T_tip_needle, estimator.tip_error(TIP)
-    estimator.moved(0.2)
+    lies, off, far = estimator.T_tip_needle, estimator.tip_error(TIP), beside(TIP, 0.05)
+    assert np.linalg.norm(estimator.tip_error(far)[3:]) < 0.5 * np.linalg.norm(off[3:])
     np.testing.assert_allclose(estimator.T_tip_needle.matrix, lies.matrix)
-    assert np.linalg.norm(estimator.tip_error(TIP)[3:]) < np.linalg.norm(off[3:])
     tip_sd = np.sqrt(np.diag(BY_JOINTS @ np.diag(FADING_SD**2) @ BY_JOINTS.T))
-    assert np.linalg.norm(sd(estimator.needle(TIP))[:3]) > 0.8 * np.linalg.norm(tip_sd[:3])
+    assert np.linalg.norm(sd(estimator.needle(far))[:3]) > 0.8 * np.linalg.norm(tip_sd[:3])
 
 
-def test_a_part_of_the_arms_error_fades_over_6_mm_of_way_and_the_rest_stays():
+def test_errors_of_the_joints_are_alike_where_and_when_the_jaws_are_near():
+    place = np.array([[0.0, 0.0, 0.1, 5.0]])
+    there = np.array([[0.0, 3e-3, 0.1, 5.0], [0.0, 0.0, 0.1, 5.0 + FLEES_S]])
+    np.testing.assert_allclose(alike(place, there)[:, 0, 0], np.exp(-3e-3 / FADES_M))
+    np.testing.assert_allclose(alike(place, there)[:, 0, 1], 1.0 - FLEETING * (1.0 - np.exp(-1.0)))
+    assert (alike(place, place) == 1.0).all()
+
+
+def test_jaws_that_come_back_err_as_they_did_there():
+    """What was seen at a place counts there again, after a look elsewhere, and more than at places not seen."""
     estimator = loaded()
-    seen = seen_at(estimator.needle(TIP).T_base_needle @ SE3.exp([3e-4, 2e-4, 0, 0.02, 0.01, 0]))
-    assert estimator.update(TIP, SE3.identity(), seen)
-    always, now = estimator._mean[LASTING].copy(), estimator._mean[FADING].copy()
-    spread = estimator._covariance[FADING, FADING].copy()
-    estimator.moved(3e-3)
-    np.testing.assert_allclose(estimator._mean[LASTING], always)
-    np.testing.assert_allclose(estimator._mean[FADING], np.exp(-0.5) * now)
-    np.testing.assert_allclose(
-        estimator._covariance[FADING, FADING], np.exp(-1.0) * spread + (1.0 - np.exp(-1.0)) * np.diag(FADING_SD**2)
+    for T in (TIP, beside(TIP, 10e-3)):
+        off = SE3.exp([3e-4, 2e-4, 0, 0.03, 0.01, 0]) if T is TIP else SE3.identity()
+        assert estimator.update(T, SE3.identity(), seen_at(T @ HELD @ off))
+    seen, elsewhere = sd(estimator.needle(TIP)), sd(estimator.needle(beside(TIP, -10e-3)))
+    assert (seen[:3] < 0.15e-3).all() and (elsewhere[:3] > 1.5 * seen[:3]).any()
+    left = (estimator.needle(TIP).T_base_needle.inverse() @ TIP @ HELD @ SE3.exp([3e-4, 2e-4, 0, 0.03, 0.01, 0])).log()
+    assert (np.abs(left) < 2.0 * seen).all()
+
+
+def test_what_is_seen_of_a_resting_needle_tells_how_the_jaws_held_it():
+    """The arm's error at the place where it let go is less uncertain then."""
+    estimator = loaded()
+    estimator.update(TIP, SE3.identity(), seen_at(TIP @ HELD))
+    there = beside(TIP, 15e-3)
+    before = estimator._tip_parts(there)
+    spread = before[0] @ estimator._covariance @ before[0].T + before[1]
+    estimator.released(there)
+    assert estimator.rests and estimator.update(
+        there, SE3.identity(), seen_at(there @ HELD @ SE3.exp([0, 0, 0, 0.02, 0, 0]))
     )
+    after = estimator._tip_parts(there)
+    left = after[0] @ estimator._covariance @ after[0].T + after[1]
+    assert np.trace(left[3:, 3:]) < 0.8 * np.trace(spread[3:, 3:])
+    assert np.abs(estimator.tip_error(there)[3:]).max() > 0.005
+
+
+def test_only_the_last_places_are_kept():
+    estimator = loaded()
+    for number in range(MOST_PLACES + 3):
+        T = beside(TIP, 1e-3 * number)
+        estimator.update(T, SE3.identity(), seen_at(estimator.needle(T).T_base_needle))
+    assert len(estimator._mean) == 12 + 6 * MOST_PLACES
+    assert np.linalg.eigvalsh(estimator._covariance).min() > -1e-9
+    estimator.loaded(HELD)
+    assert len(estimator._mean) == 12
 
 
 def of_grasp(estimator, covariance):
@@ -100,7 +141,7 @@ def of_grasp(estimator, covariance):
 
 @pytest.mark.parametrize("T_tip_needle", [HELD, BACK], ids=["first grip", "regrasped"])
 def test_the_axes_of_a_grasp_are_the_jaws_closing_axis_and_the_wire(T_tip_needle):
-    estimator, held_at = NeedleEstimator(SETUP.arm), T_tip_needle.inverse()
+    estimator, held_at = loaded(), T_tip_needle.inverse()
     estimator.loaded(T_tip_needle)
     T_needle_grasp = estimator._T_needle_grasp()
     closing, along, _ = T_needle_grasp.rotation.matrix.T
@@ -112,7 +153,7 @@ def test_the_axes_of_a_grasp_are_the_jaws_closing_axis_and_the_wire(T_tip_needle
 
 def test_flat_jaws_fix_two_of_six_and_leave_a_person_the_others():
     estimator = loaded()
-    left = np.sqrt(np.diag(of_grasp(estimator, estimator._covariance[GRIP, GRIP])))
+    left = np.sqrt(np.diag(of_grasp(estimator, estimator._covariance[NEEDLE, NEEDLE])))
     given = np.sqrt(np.diag(LOADED))
     np.testing.assert_allclose(left[FLAT], given[FLAT] * FLAT_SD / np.hypot(given[FLAT], FLAT_SD))
     others = np.setdiff1d(np.arange(6), FLAT)
@@ -127,13 +168,29 @@ def test_closing_jaws_move_a_needle_that_the_tissue_holds_and_what_was_known_of_
     )
     held = estimator.needle(TIP)
     moved = TIP @ HELD @ BACK.inverse() @ SE3.exp([1e-3, 0, 0, 0, 0.02, 0])
-    estimator.moved(5e-3)
-    estimator.regrasped(held, moved, BACK)
+    estimator.released(TIP)
+    estimator.regrasped(moved, BACK)
     after = estimator.needle(moved)
     assert np.abs((after.T_base_needle.inverse() @ held.T_base_needle).log()).max() < 1e-4
     added = of_grasp(estimator, after.covariance - held.covariance)
     scale = np.sqrt(np.diag(CLOSING + LOADED))
     assert np.abs((added - CLOSING) / np.outer(scale, scale)).max() < 0.02
+
+
+def test_closing_jaws_turn_a_needle_in_the_tissue_about_its_tip():
+    held, moved = TIP @ HELD, TIP @ HELD @ BACK.inverse()
+    p_tip = SETUP.needle.p_tip_m
+    lever = np.column_stack([np.eye(3), np.cross(np.eye(3), p_tip).T])
+    aside_mm = {}
+    for name, closing in {"tissue": CLOSING, "elsewhere": TAKING}.items():
+        estimator = loaded()
+        estimator.resting(NeedleEstimate(held, np.diag(np.repeat([1e-6, 1e-5], 3) ** 2)))
+        estimator.regrasped(moved, BACK, closing)
+        covariance = estimator.needle(moved).covariance
+        aside_mm[name] = 1e3 * np.sqrt((lever @ covariance @ lever.T)[2, 2])
+        assert 1e3 * np.sqrt(covariance[2, 2]) > 0.08, "the rest of the needle goes aside"
+    assert aside_mm["tissue"] < 0.08
+    assert aside_mm["elsewhere"] > 0.11
 
 
 def test_a_needle_in_the_tissue_that_was_seen_elsewhere_is_less_sure():
@@ -152,8 +209,9 @@ def test_a_regrasped_needle_stays_where_it_was_and_flat_jaws_tell_of_it():
     estimator.update(TIP, SE3.identity(), seen_at(true))
     held = estimator.needle(TIP)
     moved = TIP @ HELD @ BACK.inverse()  # the jaws go along the wire; as planned the needle stays
-    estimator.moved(5e-3)
-    estimator.regrasped(held, moved, BACK)
+    estimator.released(TIP)
+    estimator.released(TIP)  # jaws that are open already change nothing
+    estimator.regrasped(moved, BACK)
     after = estimator.needle(moved)
     left = (after.T_base_needle.inverse() @ held.T_base_needle).log()
     assert np.abs(left[:3]).max() < 0.3e-3 and np.abs(left[3:]).max() < 0.03
@@ -169,20 +227,10 @@ def test_the_errors_add_up_as_they_are_drawn():
         tip = SE3.from_parts(SO3.exp(off[3:]) @ TIP.rotation, TIP.translation_m + off[:3])
         drawn.append(((TIP @ HELD).inverse() @ tip @ HELD).log())
     before = estimator.needle(TIP).covariance
-    surely = NeedleEstimator(SETUP.arm)
+    surely = NeedleEstimator(SETUP.arm, lambda: 0.0)
     surely._T_tip_needle_planned = HELD  # no error of the grip
     np.testing.assert_allclose(np.sqrt(np.diag(surely.needle(TIP).covariance)), np.std(drawn, axis=0), rtol=0.08)
     assert (np.diag(before) > np.diag(surely.needle(TIP).covariance)).all()
-
-
-def test_a_small_correction_leaves_what_was_seen_and_makes_it_less_sure():
-    estimator = loaded()
-    estimator.update(TIP, SE3.identity(), seen_at(estimator.needle(TIP).T_base_needle @ SE3.exp([3e-4, 0, 0, 0, 0, 0])))
-    before = estimator.needle(TIP)
-    estimator.adjusted()
-    after = estimator.needle(TIP)
-    np.testing.assert_array_equal(after.T_base_needle.matrix, before.T_base_needle.matrix)
-    assert (sd(after)[:3] > sd(before)[:3]).all()
 
 
 def test_a_wild_sighting_that_comes_again_is_believed_in_the_end():

@@ -104,7 +104,7 @@ def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_a
     tracker.loaded()
     entry = next(stretch for stretch in stretches(suture_segments(GOALS[0]), TASK.setup) if stretch.aim is Aim.TIP)
     monkeypatch.setattr(ArmScript, "q", property(lambda hand: entry.segment.q[0]))  # it is there
-    tracker.estimator._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 3)
+    tracker.estimator._mean[:] = np.tile([2e-4, -1e-4, 3e-4, 0.01, -0.02, 0.015], 2)
     tracker.aim(entry)
     corrected = tracker.corrected(entry.segment).q
     tip = [0.0, -TASK.setup.needle.radius_m, 0.0]

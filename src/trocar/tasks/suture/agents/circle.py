@@ -43,7 +43,7 @@ ENOUGH_M = 0.2e-3
 multiplied by the number of looks there, because each move disturbs the cables again, by some .6 mm."""
 LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
 """Shares of the way down that are tried, since its upper end matters least."""
-TURNS, SHORT = ("rotate", "push"), (3, 6, 9)
+TURNS, SHORT = ("rotate", "push"), (3, 6, 9, 12)
 """If the commands' limits cut a rotation of the needle short, it stops this many waypoints, of 1 deg, early. The path
 after it makes up for the rest, starting from where the needle is seen."""
 LOAD = "load needle"
@@ -286,7 +286,6 @@ class CircleSuturing:
                 await self.hand.go(start)
             except MotionRefused:  # a joint's range ends there; following the path will report it
                 return
-            tracker.estimator.adjusted()
 
     async def open(self) -> None:
         """Open the jaws on the needle, which the tissue holds meanwhile."""
@@ -347,8 +346,6 @@ class CircleSuturing:
                 await self.hand.go(q[0])
             if len(q) > 1:
                 await self.hand.move(along(np.concatenate([self.hand.q[None], q[1:]]), seconds))
-            if self.tracker:
-                self.tracker.estimator.moved(segment.length_m)
         except MotionRefused as error:
             return f"suture {number + 1}, {segment.name}: {error}; stopped before it"
         return reason

@@ -20,7 +20,7 @@ from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, RgbdImage, Window
 from trocar.perception.instrument_solids import InstrumentSolids
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate, NeedleEstimator
+from trocar.tasks.suture.agents.needle_estimator import TAKING, NeedleEstimate, NeedleEstimator
 from trocar.tasks.suture.perception import NeedleSighting, floor_height_m, search_starts, sight_needle
 from trocar.tasks.suture.planning.primitive import driven_steps, grasp_pose
 from trocar.tasks.suture.planning.segments import Segment
@@ -180,28 +180,29 @@ class NeedleTracker:
         holds = [step for step in driven_steps(setup) if step.holds and step.name != "penetrate"]
         self._back_rad = [step.back_rad for step in holds]
         self._p_needle_tip_m = setup.needle.point_m(np.zeros(1))[0]
-        self.estimator = NeedleEstimator(self._hand.model)
+        self._now_s = cell.clock.now_s
+        self.estimator = NeedleEstimator(self._hand.model, self._now_s)
         self.T_base_floor = setup.T_base_circle
         T_world_base = cell.T_world_base_registered
         self._to_others = {o: T_world_base[o.name].inverse() @ T_world_base[hand.name] for o in others}
-        self._in_tissue: NeedleEstimate | None = None
         self._grips, self.seen = 0, False
         self._tip_error, self._T_tip_needle = np.zeros(6), self._T_tip_needle_planned
         self._aim, self._fixed_wrist = Aim.POSE, False
 
     def loaded(self) -> None:
         """Note that a person has loaded the needle."""
-        self._grips, self._in_tissue, self.seen = 0, None, False
+        self._grips, self.seen = 0, False
         self.estimator.loaded(self._T_tip_needle_planned)
 
     def rests(self, needle: NeedleEstimate) -> None:
         """Note that something else holds the needle still, about here in the arm's base."""
-        self._in_tissue, self.seen = needle, False
+        self.estimator.resting(needle)
+        self.seen = False
 
     def took(self, setup: SutureSetup) -> None:
         """Note that the jaws have closed, in the grasp of this setup, on the needle that something else held."""
-        self._setup, self._grips = setup, -1
-        self.gripped()
+        self._setup, self._grips = setup, 0
+        self.estimator.regrasped(self._T_base_tip, self._T_tip_needle_planned, TAKING)
 
     @property
     def needle(self) -> NeedleEstimate:
@@ -227,7 +228,7 @@ class NeedleTracker:
 
     def forget(self) -> None:
         """Discard everything seen so far."""
-        self.estimator = NeedleEstimator(self._hand.model)
+        self.estimator = NeedleEstimator(self._hand.model, self._now_s)
 
     @property
     def well_loaded(self) -> bool:
@@ -237,14 +238,13 @@ class NeedleTracker:
 
     def released(self) -> None:
         """Note that the jaws are about to open, and the tissue holds the needle."""
-        self._in_tissue = self.estimator.needle(self._T_base_tip)
+        self.estimator.released(self._T_base_tip)
 
     def gripped(self) -> None:
         """Note that the jaws have closed again on the needle."""
         self._grips += 1
-        if self._in_tissue is not None:
-            self.estimator.regrasped(self._in_tissue, self._T_base_tip, self._T_tip_needle_planned)
-        self._in_tissue = None
+        if self.estimator.rests:
+            self.estimator.regrasped(self._T_base_tip, self._T_tip_needle_planned)
 
     def aim(self, stretch: Stretch) -> None:
         """Correct the path from now on by the estimates of arm and needle."""
@@ -272,14 +272,14 @@ class NeedleTracker:
         if not len(segment.q):
             return segment
         T_base_tip = fk(self._hand.model, segment.q)
-        if self._in_tissue is None:
+        if not self.estimator.rests:
             if self._aim is Aim.TIP:
                 with suppress(OutOfReach):
                     return replace(segment, q=self._with_planned_wrist(segment.q))
             wanted = T_base_tip @ self._T_tip_needle_planned @ self._T_tip_needle.inverse()
         else:
             planned = T_base_tip[0] @ self._T_tip_needle_planned
-            wanted = self._in_tissue.T_base_needle @ planned.inverse() @ T_base_tip
+            wanted = self._estimate.T_base_needle @ planned.inverse() @ T_base_tip
         return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
 
     def _with_planned_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -312,7 +312,7 @@ class NeedleTracker:
         starts = search_starts(before.T_base_needle, before.covariance, self._setup.needle)
         budget_s = self._budget_s + (len(starts) - 1) * self._start_budget_s
         seen = await self._hand.compute("perception", budget_s, partial(self._sight, images, before))
-        self.seen = accepted = seen is not None and self._update(seen)
+        self.seen = accepted = seen is not None and self.estimator.update(self._T_base_tip, self._T_base_camera, seen)
         off = (before.T_base_needle.inverse() @ self._estimate.T_base_needle).log()
         tip_m = (self._setup.T_base_circle.inverse() @ self._estimate.T_base_needle).apply(self._p_needle_tip_m)
         self._log.event(
@@ -331,10 +331,7 @@ class NeedleTracker:
             await self.look()
             if self.seen:
                 return True
-            if self._in_tissue is None:
-                self.estimator.doubt()
-            else:
-                self._in_tissue = self._in_tissue.doubted()
+            self.estimator.doubt()
         return False
 
     def tip_shift_m(self, q: NDArray[np.float64]) -> float:
@@ -382,17 +379,9 @@ class NeedleTracker:
             up = self.T_base_floor.rotation.matrix[:, 2]
             self._T_base_camera = SE3.from_parts(translation_m=-height_m * up) @ self._T_base_camera
 
-    def _update(self, seen: NeedleSighting) -> bool:
-        """Update the estimate with what was seen; return whether it is accepted."""
-        if self._in_tissue is None:
-            return self.estimator.update(self._T_base_tip, self._T_base_camera, seen)
-        after = self._in_tissue.updated(self._T_base_camera, seen)
-        self._in_tissue = after or self._in_tissue.doubted()
-        return after is not None
-
     @property
     def _estimate(self) -> NeedleEstimate:
-        return self._in_tissue or self.estimator.needle(self._T_base_tip)
+        return self.estimator.needle(self._T_base_tip)
 
     @property
     def _T_base_tip(self) -> SE3:

@@ -174,8 +174,6 @@ class Puller:
             except MotionRefused as error:
                 self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
                 return False
-            if self.tracker:
-                self.tracker.estimator.moved(segment.length_m)
             return True
         self.cell.log.event("refused", arm=self.hand.name, reason=f"{segment.name}: the other arm is in the way")
         return False

@@ -38,7 +38,7 @@ DRIVING_M_S = 0.004
 movement."""
 FREE_M_S = {"lower": 0.040, "approach": 0.010, "withdraw": 0.020, "rise": 0.040}
 """Mean speeds on the ways in and out."""
-BACK_M_S = 0.010
+BACK_M_S = 0.015
 """Mean speed of open jaws back along the wire to beyond where they close."""
 JAW_CLOSED_RAD = -0.17
 """A target that lets the drive press."""
