@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_episodes import short
 from numpy.testing import assert_allclose
 
+from made_episodes import short
 from trocar.arms import fk
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
