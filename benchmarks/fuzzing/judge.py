@@ -38,6 +38,7 @@ WORK = (
     "trocar.calibration.fleet.fit_from_prior",
     "trocar.calibration.fleet.learn_prior",
     "trocar.calibration.study.run_models",
+    "trocar.tasks.suture.planning.setup_map.setup_map",
     "trocar.tasks.suture.planning.setup_search.search_setup",
     "trocar.tasks.suture.view.PlanView",
     "trocar.view.trial_view.TrialView",

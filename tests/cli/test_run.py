@@ -302,7 +302,7 @@ def test_an_option_of_one_task_is_none_of_anothers():
     for option in ("--count", "--preset", "--plan ", "--direction"):
         assert option in shown["suture"] and option not in shown["peg-transfer"]
     of_run = {field.name: field.metadata for field in fields(RunConfig) if field.metadata}
-    assert len(of_run) == 18, "all but the task and the plugins"
+    assert len(of_run) == 19, "all but the task and the plugins"
     for name, about in of_run.items():
         for text in (" ".join(text.split()) for text in shown.values()):
             assert f"--{(about['flag'] or name).replace('_', '-')} " in text and about["help"] in text

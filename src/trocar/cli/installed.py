@@ -21,6 +21,7 @@ PURPOSE = {
     "view": "3D in the browser",
     "parquet": "trials exported as Parquet",
     "lerobot": "trials exported as LeRobot data sets, and such data sets replayed",
+    "gym": "environments of Gymnasium",
     "dask": "studies on a cluster",
     "crtk": "robots that speak CRTK over ROS 2, as a client and as a server",
     "bags": "bags of ROS read, trials written as MCAP",

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import MotionLimits, fk, ik
 from trocar.cell import Cell
-from trocar.errors import InvalidInput, InvalidValue, MotionRefused, UnknownName
+from trocar.errors import InvalidInput, InvalidValue, MotionRefused, OutOfReach, UnknownName
 from trocar.geometry import SE3, SO3
 from trocar.learn.poses import WIDTH, action_names, state_names, vectors
 from trocar.motion.following import step_towards
@@ -175,7 +175,7 @@ class Control:
             turned = SO3.exp(part[3:6]) @ tip.rotation
             wanted = SE3.from_parts(turned, tip.translation_m + part[:3])
         elif np.linalg.norm(part[3:7]) < 1e-6:
-            raise MotionRefused(f"the orientation of arm {arm!r} is no quaternion: all four are 0", arm=arm)
+            raise OutOfReach(f"the orientation of arm {arm!r} is no quaternion: all four are 0", arm=arm)
         else:
             wanted = SE3.from_parts(SO3.from_quaternion(part[[6, 3, 4, 5]]), part[:3])
         return ik(model, T_world_base.inverse() @ wanted, near)

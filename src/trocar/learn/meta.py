@@ -103,10 +103,15 @@ class Written:
 
 
 def write_meta(
-    folder: Path, layout: Layout, episodes: Sequence[Written], tasks: list[str], steps: list[str], phases: list[str]
+    folder: str | Path,
+    layout: Layout,
+    episodes: Sequence[Written],
+    tasks: list[str],
+    steps: list[str],
+    phases: list[str],
 ) -> None:
     """Write everything but frames and videos; ``info.json``, without which nobody reads a data set, last."""
-    meta = make_folder(folder / "meta")
+    meta = make_folder(Path(folder) / "meta")
     (meta / "info.json").unlink(missing_ok=True)
     merged = {key: together([one.statistics[key] for one in episodes]) for key in episodes[0].statistics}
     if layout.instructions:
@@ -230,7 +235,7 @@ def modality(features: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def readme(folder: Path, episodes: Sequence[Written], layout: str, tasks: Sequence[str]) -> None:
+def readme(folder: str | Path, episodes: Sequence[Written], layout: str, tasks: Sequence[str]) -> None:
     """Write the card, which also marks the folder as a data set of Trocar's."""
     frames, reached = sum(one.frames for one in episodes), sum(bool(one.about["success"]) for one in episodes)
     robot = episodes[0].robot if episodes else ""
@@ -276,9 +281,9 @@ episode is from, whether it reached its goals, and what failed; `subtask_index` 
 
 Scripts stand still while they look and compute. Failures are there unless they were left out.
 """
-    write_text(folder / "README.md", text, KIND)
+    write_text(Path(folder) / "README.md", text, KIND)
     if layout == "open-h":
-        write_text(make_folder(folder / "meta") / "README.md", text, KIND)
+        write_text(make_folder(Path(folder) / "meta") / "README.md", text, KIND)
 
 
 def _words(path: Path, name: str, words: Sequence[str]) -> None:
