@@ -12,7 +12,7 @@ import pytest
 from simulated import ideal_laboratory, standing
 from trocar.arms import MOTION_LIMITS
 from trocar.calibration.excitation import EXERCISE_RAD
-from trocar.cli.run import TaskGroup
+from trocar.cli.task_group import TaskGroup
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import (
     METHODS,

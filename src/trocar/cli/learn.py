@@ -15,7 +15,8 @@ from trocar.cli.options import JsonFlag, Plugins, Seed, need
 from trocar.cli.out_folder import default_folder
 from trocar.cli.progress import progress
 from trocar.cli.report import export_episodes
-from trocar.cli.run import OF_RUN, Backend, Jobs, Scheduler, TaskGroup, worked
+from trocar.cli.run import Backend, Jobs, Scheduler, worked
+from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside
 from trocar.counting import counted
 from trocar.errors import InvalidInput, UnknownName
