@@ -70,6 +70,10 @@ class Served:
         words = [sys.executable, "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--json"]
         words += ["--ros", str(topics.ros), "--domain", str(topics.domain), "--master", topics.master]
         self.process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        reads = open_bus(topics).subscriber(f"{topics.of_arm(ARMS[0])}/measured_js", JointState)
+        while not reads.take():  # a busy machine takes its time
+            assert self.process.poll() is None, "it has ended"
+            time.sleep(0.1)
 
     def stop(self) -> dict:
         """Return what it says at its end."""
