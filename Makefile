@@ -12,10 +12,10 @@ test: .venv/dev.stamp
 	$(BIN)/pytest -m "not slow and not realtime" -n auto --dist loadfile --no-loadscope-reorder
 
 # The few tests that take seconds each: real runs, studies, killed processes; then, alone, those on the machine's clock.
-# One of the latter that fails is tried once more, and named: other programs on the machine may have held it up.
+# One of the latter is tried once more, and named, where the loop itself says that the machine held it up.
 test-slow: .venv/dev.stamp
 	$(BIN)/pytest -m slow -n auto --dist loadfile --no-loadscope-reorder
-	$(BIN)/pytest -m realtime --reruns 1 -rR
+	$(BIN)/pytest -m realtime --reruns 1 --only-rerun "comes too late to take over|were not sampled in time" -rR
 
 # Which small mistakes the tests would not notice: ten seconds for each mutant, so not in CI. MUTANTS="--changed", say.
 mutants: .venv/dev.stamp

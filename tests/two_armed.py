@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -87,12 +87,19 @@ def played(
     budget_s: float = 60.0,
     settings: Settings = SETTINGS,
     perception=None,
+    registered_off_m: Mapping[str, Sequence[float]] = {},
 ) -> tuple[SimLaboratory, bool, list[TransferScore]]:
-    """Let arms do transfers in an ideal cell; return the laboratory, whether they ended in time, the scores."""
+    """Let arms do transfers in an ideal cell; return the laboratory, whether they ended in time, the scores.
+
+    ``registered_off_m``: by how much (3,), in the world, bases of arms are registered aside of where they are.
+    """
     blocks = blocks or [standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in range(6)]
     lab = ideal_laboratory(*blocks, station=coarse(STATION))
     lab.wrap_robot(lambda cell: robot(cell.robot))
-    lab.cell = replace(lab.cell, cameras={name: camera(device) for name, device in lab.cell.cameras.items()})
+    bases = dict(lab.cell.T_world_base_registered)
+    bases |= {name: SE3.from_parts(translation_m=off_m) @ bases[name] for name, off_m in registered_off_m.items()}
+    cameras = {name: camera(device) for name, device in lab.cell.cameras.items()}
+    lab.cell = replace(lab.cell, cameras=cameras, T_world_base_registered=bases)
     agent = agent_of(briefed(lab, variant, goals, arms=arms, settings=settings, perception=perception))
     in_time = lab.run(lambda cell: agent.run(), budget_s)
     return lab, in_time, score_transfers(goals, lab.truth(), lab.log.events, handover=variant == "handover")

@@ -29,8 +29,10 @@ def data(tmp_path):
 def test_frames_come_as_recorded_and_later_only_where_limits_ask_for_it():
     rows = np.zeros((5, 7))
     rows[3:, 1] = 2 * VELOCITY[1] / 30  # a step that would be twice too fast
-    times_s = replayed._times({"a": rows}, 30.0, VELOCITY)
+    times_s = replayed._times({"a": rows}, 30.0, {"a": VELOCITY})
     np.testing.assert_allclose(np.diff(times_s) * 30, [1, 1, 2 * replayed.SLOWER, 1])
+    both = replayed._times({"a": rows, "slow": rows}, 30.0, {"a": VELOCITY, "slow": VELOCITY / 2})
+    np.testing.assert_allclose(np.diff(both) * 30, [1, 1, 4 * replayed.SLOWER, 1], err_msg="each has its own limits")
 
 
 def test_the_lag_of_the_recording_is_found():

@@ -41,8 +41,7 @@ class PolicyAgent:
         for part in self._observed:
             if part not in (STATE, IMAGES):
                 raise UnknownName("observation of a policy", part, (STATE, IMAGES))
-        limits = {arm: context.limits.get(arm, context.cell.arms[arm].motion_limits) for arm in context.arms}
-        self._control = Control(context.cell, context.arms, limits, settings.action, settings.rate_hz)
+        self._control = Control(context.cell, context.arms, context.limits, settings.action, settings.rate_hz)
         self._policy = load_policy(settings.policy, settings.policy_digest, settings.timeout_s)
 
     async def run(self) -> None:

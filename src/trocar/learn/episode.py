@@ -100,7 +100,8 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
         poses = of_arms("true", times_s, scenery.T_world_base)
         found = {"poses": poses, "joints": np.hstack([joints("true", arm, times_s) for arm in arms])}
         names[f"{TRUTH}poses"] = [name.replace("_pose", "_true").replace("_jaw", "_jaw_true") for name in names[STATE]]
-        names[f"{TRUTH}joints"] = [f"{arm}_{joint}" for arm in arms for joint in (*_JOINTS, "jaw")]
+        of_arm = {arm: (*(joint.name for joint in scenery.arms[arm].joints), "jaw") for arm in arms}
+        names[f"{TRUTH}joints"] = [f"{arm}_{joint}" for arm in arms for joint in of_arm[arm]]
         bodies = {key: rows for key, rows in trial.arrays.items() if key.startswith("body_")}
         if bodies:
             ticks = np.rint(times_s / scenery.tick_s).astype(int)
@@ -115,9 +116,6 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
     task = " ".join(str(trial.about[key]).replace("-", " ") for key in ("task", "variant") if trial.about[key])
     images = {name: taken for name, taken in images.items() if taken}
     return Episode(columns, names, task, steps, phases, images, {"commanded": commanded, **_about(trial)})
-
-
-_JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 
 
 def _about(trial: Trial) -> dict[str, Any]:

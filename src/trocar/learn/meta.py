@@ -274,8 +274,9 @@ One clock. Joints are interpolated linearly between two ticks of 10 ms; bodies (
 
 ## Collection procedure
 
-A scripted method, session by session: each session draws cables, bases and cameras anew. `episodes` says where each
-episode is from, whether it reached its goals, and what failed; `subtask_index` and `phase_index` what was being done.
+The method named above, session by session: each session draws cables, bases and cameras anew. `episodes` says where
+each episode is from, whether it reached its goals, and what failed; `subtask_index` and `phase_index` what was being
+done.
 
 ## Limitations
 

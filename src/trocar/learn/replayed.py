@@ -11,7 +11,7 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.arms import MOTION_LIMITS, fk
+from trocar.arms import fk
 from trocar.cell import MotionResult
 from trocar.errors import InvalidValue, UnknownName
 from trocar.eval.method import METHODS, AgentContext, Method
@@ -57,15 +57,17 @@ class Replay:
     """Moves to where the commands begin, then plays them, slower where the arms' limits ask for it."""
 
     def __init__(self, context: AgentContext):
-        self.cell, self.source = context.cell, context.settings
+        self.cell, self.source, self.limits = context.cell, context.settings, context.limits
         self.recorded = read_episode(self.source.data, self.source.episode)
 
     async def run(self) -> None:
         """Replay the episode."""
-        cell, limits = self.cell, MOTION_LIMITS["paper"]
+        cell, limits = self.cell, self.limits
         rows = {arm: self._joints(arm, values) for arm, values in self.recorded.actions.items()}
-        times_s = _times(rows, self.recorded.fps, limits.velocity)
-        await self._done({arm: rest_to_rest(cell.robot.setpoint(arm).q, q[0, :6], limits) for arm, q in rows.items()})
+        times_s = _times(rows, self.recorded.fps, {arm: limits[arm].velocity for arm in rows})
+        await self._done(
+            {arm: rest_to_rest(cell.robot.setpoint(arm).q, q[0, :6], limits[arm]) for arm, q in rows.items()}
+        )
         for arm, q in rows.items():
             await cell.robot.jaw(arm, self._in_range(arm, float(q[0, 6])))
         paths = {arm: _through(times_s, q[:, :6]) for arm, q in rows.items()}
@@ -102,9 +104,11 @@ class Replay:
         return min(max(angle_rad, jaw.lower), jaw.upper)
 
 
-def _times(rows: Mapping[str, NDArray[np.float64]], fps: float, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return when each frame is due: as recorded, later where a step would be faster than the limits."""
-    needed = np.max([(np.abs(np.diff(q[:, :6], axis=0)) / velocity).max(axis=1) for q in rows.values()], axis=0)
+def _times(
+    rows: Mapping[str, NDArray[np.float64]], fps: float, velocity: Mapping[str, NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Return when each frame is due: as recorded, later where a step would be faster than the limits (6,) of an arm."""
+    needed = np.max([np.abs(np.diff(q[:, :6], axis=0) / velocity[arm]).max(axis=1) for arm, q in rows.items()], axis=0)
     return np.append(0.0, np.cumsum(np.maximum(1 / fps, SLOWER * needed)))
 
 

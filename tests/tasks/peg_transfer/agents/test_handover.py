@@ -61,6 +61,17 @@ def test_the_receiving_arm_looks_before_it_takes_and_before_it_places(clean):
     assert any(offer < at < taking for at in captures) and any(taking < at < correction for at in captures)
 
 
+def test_where_a_tip_truly_is_is_learned_from_looks_at_blocks_in_its_jaws():
+    off_mm = np.array([0.8, -0.6])
+    settings = replace(SETTINGS, learns_offset=True)
+    registered = {"psm2": [*-1e-3 * off_mm, 0.0]}  # so the tip is the other way from where it is believed
+    lab, in_time, scores = played("handover", THERE_AND_BACK, settings=settings, registered_off_m=registered)
+    assert in_time and all(score.succeeded for score in scores)
+    told = {event["arm"]: np.array(event["mm"]) for event in named(lab, "offset")}
+    assert np.linalg.norm(told["psm2"] - off_mm) < 0.4, told
+    assert np.linalg.norm(told["psm1"]) < 0.25, told
+
+
 def test_jaws_that_close_further_than_those_that_give_hold_no_wall_and_try_again():
     class Thin(Wrapped):
         """The taking arm's encoder says too little when its jaws have closed on a block for the first time."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from math import inf
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, capsules, ik
 from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3
-from trocar.geometry.capsules import capsule_distances_m
+from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.robots.concurrency import first_of
 from trocar.tasks.peg_transfer.agents import Settings
 from trocar.tasks.peg_transfer.agents.motions import yaw_of
@@ -131,11 +131,9 @@ class HandoverGeometry:
                 lowering = capsules(receiver.model, coming, receiver.open_rad)
                 taking = capsules(receiver.model, coming[0], receiver.held_rad)
                 both = (lowering, holding), (taking, rising)
-                room = min(
-                    float(capsule_distances_m(one.moved(place), other).min())
-                    for one, other in both
-                    for place in (T_giver_receiver, T_guarded)
-                )
+                room = _room_m(both, T_giver_receiver)
+                if best is None or room > best.clearance_m:  # else it need not be known where the guard has the arms
+                    room = min(room, _room_m(both, T_guarded))
                 if best is None or room > best.clearance_m:
                     best = Grasp(pose, coming[0], receiver.open_rad, room, candidate)
         return best
@@ -152,6 +150,11 @@ class HandoverGeometry:
             if not wrist_has_room(partner.model, way[-1], MAX_ROLL_RAD):
                 return None
         return np.array(way)
+
+
+def _room_m(pairs: Sequence[tuple[Capsules, Capsules]], T_giver_receiver: SE3) -> float:
+    """Return the least distance of two arms, from solids of the receiving one and the giving one, each in its base."""
+    return min(float(capsule_distances_m(one.moved(T_giver_receiver), other).min()) for one, other in pairs)
 
 
 def _apart_m(T_board_a: SE3, T_board_b: SE3) -> float:
@@ -223,7 +226,6 @@ class Side:
     def geometry(self, giver: PegArm, receiver: PegArm, held_rad: float | None = None) -> HandoverGeometry:
         """Return how both arms can hold a block on which the giving one's jaws are closed; None: as far as now."""
         held_rad = giver.hand.jaw_rad if held_rad is None else held_rad
-
         gives, takes = (
             Partner(arm.model, arm.motions.T_world_base, arm.motions.T_world_base_registered, open_rad, held_rad)
             for arm, open_rad in ((giver, self.settings.release_rad), (receiver, self.settings.taking_rad))

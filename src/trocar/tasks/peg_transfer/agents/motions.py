@@ -89,7 +89,7 @@ class Motions:
 
     @property
     def T_world_base(self) -> SE3:
-        """Return where the base has to be for the tip to be where it is, as far as that is known."""
+        """Return the base from which the joints have the tip where looks have found it; at first that as registered."""
         T_world_board, moved = self._table.T_world_board, SE3.from_parts(translation_m=[*self.offset.xy_m, 0.0])
         return T_world_board @ moved @ T_world_board.inverse() @ self.T_world_base_registered
 
