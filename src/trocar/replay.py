@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,16 @@ class Solid:
     T_body_solid: SE3
     rgba: tuple[float, float, float, float]
     vertices_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+def painted(solids: Sequence[Solid], colours: Mapping[str, tuple[float, float, float]]) -> tuple[Solid, ...]:
+    """Return solids in colours for people, of bodies by the beginning of their names; all others keep theirs."""
+
+    def one(solid: Solid) -> Solid:
+        rgb = next((rgb for prefix, rgb in colours.items() if solid.body.startswith(prefix)), None)
+        return solid if rgb is None else replace(solid, rgba=(*rgb, solid.rgba[3]))
+
+    return tuple(map(one, solids))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ As a script it takes the pictures for the docs, of a replay at shares of its len
     PYTHONPATH=tests/view python -m browser out/demo/replay.html docs/images/replay 0.1 0.5 0.9
     trocar view out/demo --no-open &
     PYTHONPATH=tests/view python -m browser http://127.0.0.1:8080 docs/images/trial_view
+
+and of ``trocar crtk serve ... --view`` likewise, while something moves there.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ FLAGS = shlex.split(
     "--disable-quic --remote-debugging-port=0 --proxy-server=127.0.0.1:9 "
     "'--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1'"
 )
-WAIT_S = 120.0
+WAIT_S, LIVE_S = 120.0, 15.0  # a live page is never still
 ATTEMPTS = 6
 THUMB = "document.querySelector('.mantine-Slider-thumb')"
 
@@ -105,13 +107,13 @@ class Page:
         data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
 
-    def scene(self) -> NDArray[np.uint8]:
-        """Return what is seen once nothing changes any more, without viser's notes on slow browsers."""
+    def scene(self, wait_s: float = WAIT_S) -> NDArray[np.uint8]:
+        """Return what is seen once nothing changes any more, or then, without viser's notes on slow browsers."""
         self.evaluate(
             "document.querySelector('#quiet') || document.head.insertAdjacentHTML('beforeend',"
             " '<style id=quiet>.mantine-Notifications-root { display: none }</style>')"
         )
-        end = time.monotonic() + WAIT_S
+        end = time.monotonic() + wait_s
         before = self._drawn()
         while time.monotonic() < end:
             now = self._drawn()
@@ -209,7 +211,7 @@ def take_pictures(address: str, stem: Path, shares: list[float]) -> list[Path]:
             files.append(_save(page.scene(), stem.with_name(f"{stem.name}_{number}.png")))
         if not shares:
             page.until("document.querySelectorAll('.uplot').length > 0")
-            files.append(_save(page.scene(), stem.with_suffix(".png")))
+            files.append(_save(page.scene(LIVE_S), stem.with_suffix(".png")))
     return files
 
 

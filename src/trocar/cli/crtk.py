@@ -23,6 +23,7 @@ from trocar.lab.topics import MAX_DOMAIN, Topics
 
 if TYPE_CHECKING:
     from trocar.crtk.served_cell import ServedCell
+    from trocar.eval import Task
     from trocar.lab import Station
     from trocar.lab.session import Session
     from trocar.sim.laboratory import SimLaboratory
@@ -131,7 +132,7 @@ def serve(
     from trocar.crtk.served_cell import ServedCell
 
     faults = [fault_of(text, list(loaded.arms)) for text in fault or ()]
-    referee, folder = None, out
+    referee, chosen, folder = None, None, out
     if task:
         from trocar.crtk.referee import Referee
         from trocar.eval import TASKS
@@ -149,7 +150,7 @@ def serve(
     title = f"{task or station}, seed {seed}, live"
     with (
         ServedCell(laboratory, topics, speed, images_hz, faults=faults, allowed=allow or ()) as served,
-        _page(laboratory, served, topics, title if view else "") as scripts,
+        _page(laboratory, served, topics, title if view else "", chosen) as scripts,
     ):
         names = ", ".join(
             [topics.of_arm(name) for name in served.arms] + list(map(topics.of_camera, drawn.station.cameras))
@@ -208,14 +209,17 @@ def _laboratory(station: Station, seed: int, session: int, wearing: Sequence[str
 
 
 @contextmanager
-def _page(laboratory: SimLaboratory, served: ServedCell, topics: Topics, title: str) -> Iterator[list[Script]]:
-    """Open a page with this title, if there is one, and yield what feeds it."""
+def _page(
+    laboratory: SimLaboratory, served: ServedCell, topics: Topics, title: str, task: Task | None
+) -> Iterator[list[Script]]:
+    """Open a page with this title, if there is one, in the task's colours, and yield what feeds it."""
     if not title:
         yield []
         return
     from trocar.crtk.served_page import ServedPage
+    from trocar.report.files import task_report
 
-    with ServedPage(laboratory, served, topics, title) as page:
+    with ServedPage(laboratory, served, topics, title, task_report(task).colours if task else {}) as page:
         beside().print(f"watch it: {page.address} in a browser", soft_wrap=True)
         yield [page.serve]
 

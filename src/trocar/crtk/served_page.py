@@ -20,6 +20,7 @@ from trocar.crtk.served_cell import ServedCell
 from trocar.eval.scenery import Scenery, contact_of
 from trocar.lab.topics import Topics
 from trocar.perception.image import StereoRig
+from trocar.replay import painted
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.record import fixed_poses, solids_of
@@ -42,17 +43,26 @@ class ServedPage:
         served: who serves it.
         topics: namespaces, and the network on which images come.
         title: of the page.
+        colours: of bodies, for people, by the beginning of their names.
         port: as ``LiveView`` takes it.
     """
 
-    def __init__(self, laboratory: SimLaboratory, served: ServedCell, topics: Topics, title: str, port: int = 8080):
+    def __init__(
+        self,
+        laboratory: SimLaboratory,
+        served: ServedCell,
+        topics: Topics,
+        title: str,
+        colours: Mapping[str, tuple[float, float, float]],
+        port: int = 8080,
+    ):
         self._laboratory, self._served, self._topics = laboratory, served, topics
         self._told, self._touched_s = 0, -1.0
         self._refusals: dict[str, str] = {}
         self._received: dict[str, deque[tuple[float, int]]] = {name: deque() for name in served.arms}
         world, session = laboratory.world, laboratory.session
         scenery = Scenery(
-            solids_of(world),
+            painted(solids_of(world), colours),
             fixed_poses(world),
             world.models,
             world.T_world_base,

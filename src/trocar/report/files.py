@@ -7,13 +7,13 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from trocar.eval import TASKS, TaskReport
+from trocar.eval import TASKS, Task, TaskReport
 from trocar.eval.folder import requested
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
-from trocar.replay import Replay, Solid
+from trocar.replay import painted
 from trocar.report.page import Captioned
 from trocar.report.run_page import command_of, place_of, write_page
 from trocar.report.stills import (
@@ -32,8 +32,12 @@ from trocar.report.timechart import draw_timechart
 def report_of(trial: Trial) -> TaskReport:
     """Return what a trial's task adds to a report; nothing, if the task is not registered here."""
     name = str(trial.about["task"])
-    found = TASKS[name].report if name in TASKS else None
-    made = found.load() if isinstance(found, Lazy) else found
+    return task_report(TASKS[name]) if name in TASKS else TaskReport()
+
+
+def task_report(task: Task | type[Task]) -> TaskReport:
+    """Return what a task adds to a report."""
+    made = task.report.load() if isinstance(task.report, Lazy) else task.report
     if made is None:
         return TaskReport()
     return made() if isinstance(made, type) else made
@@ -64,7 +68,9 @@ def write_report(
     if find_spec("viser") is not None:
         from trocar.view.replay import write_replay  # an extra
 
-        files.append(write_replay(_for_people(first.replay(), report), folder / "replay.html"))
+        replay = first.replay()
+        shown_as = replace(replay, solids=painted(replay.solids, report.colours))
+        files.append(write_replay(shown_as, folder / "replay.html"))
     page = write_page(
         folder / "report.html",
         summary,
@@ -92,16 +98,6 @@ def kept_pictures(folder: str | Path) -> list[str]:
     if not kept:
         return []
     return [f"kept from an earlier report: {', '.join(kept)}; to draw them again, {how_to_install('sim')}"]
-
-
-def _for_people(replay: Replay, report: TaskReport) -> Replay:
-    """Return a replay whose bodies have the colours used in pictures for people."""
-
-    def painted(solid: Solid) -> Solid:
-        rgb = next((rgb for prefix, rgb in report.colours.items() if solid.body.startswith(prefix)), None)
-        return solid if rgb is None else replace(solid, rgba=(*rgb, solid.rgba[3]))
-
-    return replace(replay, solids=tuple(painted(solid) for solid in replay.solids))
 
 
 def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> tuple[list[Captioned], Captioned | None]:
