@@ -45,7 +45,13 @@ class Periods:
         figures = np.stack([ticks.mean(axis=0), ticks.std(axis=0), ticks.min(axis=0), ticks.max(axis=0)], axis=1)
         overruns = int((ticks[:, 1] > self._usual_s).sum())
         self._usual_s = figures[0, 0]
-        told = IntervalStatistics(stamped(), *figures.ravel().tolist(), len(ticks), overruns, float(ticks[:, 0].sum()))
+        told = IntervalStatistics(
+            stamped(),
+            *figures.ravel().tolist(),
+            number_of_samples=len(ticks),
+            number_of_overruns=overruns,
+            statistics_interval=float(ticks[:, 0].sum()),
+        )
         for out in self._out:
             if out.readers():
                 out.send(told)
