@@ -21,7 +21,7 @@ from trocar.arms import ArmModel, ik_unbounded, wrist_depth_m
 from trocar.errors import InvalidValue
 from trocar.geometry import SE3, SO3, TURN, shown
 from trocar.geometry.arrays import finite
-from trocar.tasks.suture.planning.clearance import above_tissue_m, fingers_above_m
+from trocar.tasks.suture.planning.clearance import above_tissue_m, arms_apart_m, fingers_above_m, inside_wall_m
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
@@ -285,6 +285,8 @@ class SutureJoints:
             of its range.
         station: (k,) which samples are stations.
         above_tissue_m: (2, n) least height of fingers, wrist and shaft above the tissue's plane.
+        inside_wall_m: (2, n) by how much instrument and needle stay farther from the body wall than they must.
+        arms_apart_m: (2, n) likewise the second arm's instrument from the first one's.
     """
 
     setup: SutureSetup
@@ -292,6 +294,8 @@ class SutureJoints:
     q: NDArray[np.float64]
     station: NDArray[np.bool_]
     above_tissue_m: NDArray[np.float64]
+    inside_wall_m: NDArray[np.float64]
+    arms_apart_m: NDArray[np.float64]
 
     @property
     def arm(self) -> ArmModel:
@@ -312,9 +316,10 @@ class SutureJoints:
 
     @cached_property
     def feasible(self) -> NDArray[np.bool_]:
-        """Return which sutures (2, n) keep joints within their limits, the wrist deep enough, and out of the tissue."""
+        """Return which sutures (2, n) keep joints within their limits, the wrist deep enough, and clear of all else."""
         within = (self.excess <= LIMIT_TOLERANCE).all(-1) & (self.too_shallow_m <= LIMIT_TOLERANCE)
-        return within & (self.above_tissue_m >= -LIMIT_TOLERANCE)
+        clear_m = np.minimum(np.minimum(self.above_tissue_m, self.inside_wall_m), self.arms_apart_m)
+        return within & (clear_m >= -LIMIT_TOLERANCE)
 
     @cached_property
     def largest_wrist_rad(self) -> NDArray[np.float64]:
@@ -342,8 +347,31 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     # samples are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
     q = np.moveaxis(ik_unbounded(setup.arm, SE3.unchecked(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
+    return with_clearances(setup, thetas, q, samples, at_zero)
+
+
+def with_clearances(
+    setup: SutureSetup,
+    thetas_rad: NDArray[np.float64],
+    q: NDArray[np.float64],
+    samples: PathSamples,
+    T_circle_tip: SE3,
+    rows: slice = slice(None),
+) -> SutureJoints:
+    """Return sutures in these joints (2, n, k, 6), or those in some rows of ``DIRECTIONS``, with their clearances.
+
+    The tip's poses (2, k) at these samples are those at theta = 0.
+    """
+    straight_m, turn_rad = setup.insertion.straight_m, setup.insertion.turn_rad
+    tip_m = needle_poses(setup, [straight_m], [turn_rad]).apply(setup.needle.point_m(np.zeros(1))[0])[rows, 0]
     return SutureJoints(
-        setup, thetas, q, samples.station, above_tissue_m(setup.arm, at_zero, samples.opened, q[..., 5])
+        setup,
+        thetas_rad,
+        q,
+        samples.station,
+        above_tissue_m(setup.arm, T_circle_tip, samples.opened, q[..., 5]),
+        inside_wall_m(setup, thetas_rad, T_circle_tip, needle_poses(setup, samples.advance_m, 0.0)[rows], q),
+        arms_apart_m(setup, thetas_rad, tip_m, q[..., -1, :]),
     )
 
 

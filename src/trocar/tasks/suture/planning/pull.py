@@ -19,7 +19,7 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3, TURN
 from trocar.geometry.capsules import Capsules, capsule_distances_m, segment_distances_m
 from trocar.tasks.suture.needle import Needle
-from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD, fingers_above_m
+from trocar.tasks.suture.planning.clearance import APART_M, JAW_OPEN_RAD, fingers_above_m
 from trocar.tasks.suture.planning.primitive import (
     INSERTION,
     ROLL,
@@ -56,8 +56,6 @@ CLEAR_M, LIFTED_M = 0.004, 0.020
 """How far the needle's tail is drawn beyond the surface, and how far the needle is lifted then."""
 OVER_TISSUE_M = 1.0e-3
 """Least height of fingers, wrist and shaft over the tissue."""
-APART_M = 4.0e-3
-"""Least distance of the two instruments, as a coordinator of arms keeps it."""
 HOLDING_RAD = 0.1
 """Opening of jaws on a wire."""
 SAMPLES = 24
