@@ -86,7 +86,7 @@ def inside_wall_m(
     T_circle_needle: SE3,
     q: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return by how much (2, n) sutures stay farther from the body wall than they must; infinite without a wall.
+    """Return by how much (2, n) sutures stay farther from the body wall than they must.
 
     Ports have to lie in the wall. Wrist, jaws and needle, whose arc counts as a whole circle, stay within it, and the
     drive unit at the shaft's other end outside of it. Between these two the shaft passes through the port.
@@ -99,8 +99,6 @@ def inside_wall_m(
         q: (2, n, k, 6) joints; NaN counts as far away.
     """
     wall, arm, shape = setup.wall, setup.arm, setup.arm.instrument
-    if not wall.up_m:
-        return np.full(q.shape[:2], np.inf)
     port_m = setup.T_world_base.translation_m
     off_m = max(abs(wall.port_off_m(port)) for port in (port_m, *([setup.puller.port_m] if setup.puller.up_m else ())))
     T = setup.circle.T_world_circle
@@ -132,8 +130,7 @@ def arms_apart_m(
 ) -> NDArray[np.float64]:
     """Return by how much (2, n) the two instruments stay farther from each other than they must.
 
-    That is where the second one comes to grasp the needle: straight from its port to the needle's tip. Infinite if
-    there is no second one.
+    That is where the second one comes to grasp the needle: straight from its port to the needle's tip.
 
     Args:
         setup: the geometry.
@@ -141,8 +138,6 @@ def arms_apart_m(
         needle_tip_m: (2, 3) where the needle's tip is in the end, in the circle's frame at theta = 0.
         q_end: (2, n, 6) the first arm's joints there.
     """
-    if not setup.puller.up_m:
-        return np.full(q_end.shape[:2], np.inf)
     known = np.isfinite(q_end).all(-1)
     solids = capsules(setup.arm, np.where(known[..., None], q_end, 0.0))
     port_m = setup.T_world_base.inverse().apply(setup.puller.port_m)

@@ -285,8 +285,10 @@ class SutureJoints:
             of its range.
         station: (k,) which samples are stations.
         above_tissue_m: (2, n) least height of fingers, wrist and shaft above the tissue's plane.
-        inside_wall_m: (2, n) by how much instrument and needle stay farther from the body wall than they must.
-        arms_apart_m: (2, n) likewise the second arm's instrument from the first one's.
+        inside_wall_m: (2, n) by how much instrument and needle stay farther from the body wall than they must;
+            infinite if there is none.
+        arms_apart_m: (2, n) likewise the second arm's instrument from the first one's; minus infinity where it cannot
+            pull the needle through.
     """
 
     setup: SutureSetup
@@ -315,11 +317,15 @@ class SutureJoints:
         return np.where(np.isfinite(short_m), np.maximum(short_m, 0.0), np.inf)
 
     @cached_property
-    def feasible(self) -> NDArray[np.bool_]:
-        """Return which sutures (2, n) keep joints within their limits, the wrist deep enough, and clear of all else."""
+    def drivable(self) -> NDArray[np.bool_]:
+        """Return which sutures (2, n) keep joints within limits, the wrist deep, and clear of tissue and body wall."""
         within = (self.excess <= LIMIT_TOLERANCE).all(-1) & (self.too_shallow_m <= LIMIT_TOLERANCE)
-        clear_m = np.minimum(np.minimum(self.above_tissue_m, self.inside_wall_m), self.arms_apart_m)
-        return within & (clear_m >= -LIMIT_TOLERANCE)
+        return within & (np.minimum(self.above_tissue_m, self.inside_wall_m) >= -LIMIT_TOLERANCE)
+
+    @cached_property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Return which of these (2, n) also let the second arm, if there is one, come to the needle."""
+        return self.drivable & (self.arms_apart_m >= -LIMIT_TOLERANCE)
 
     @cached_property
     def largest_wrist_rad(self) -> NDArray[np.float64]:
@@ -362,16 +368,22 @@ def with_clearances(
 
     The tip's poses (2, k) at these samples are those at theta = 0.
     """
-    straight_m, turn_rad = setup.insertion.straight_m, setup.insertion.turn_rad
-    tip_m = needle_poses(setup, [straight_m], [turn_rad]).apply(setup.needle.point_m(np.zeros(1))[0])[rows, 0]
+    inside_m = apart_m = np.full(q.shape[:2], np.inf)
+    if setup.wall.up_m:
+        T_circle_needle = needle_poses(setup, samples.advance_m, 0.0)[rows]
+        inside_m = inside_wall_m(setup, thetas_rad, T_circle_tip, T_circle_needle, q)
+    if setup.puller.up_m:
+        at_end = needle_poses(setup, [setup.insertion.straight_m], [setup.insertion.turn_rad])[rows, 0]
+        tip_m = at_end.apply([0.0, -setup.needle.radius_m, 0.0])
+        apart_m = arms_apart_m(setup, thetas_rad, tip_m, q[..., -1, :])
     return SutureJoints(
         setup,
         thetas_rad,
         q,
         samples.station,
         above_tissue_m(setup.arm, T_circle_tip, samples.opened, q[..., 5]),
-        inside_wall_m(setup, thetas_rad, T_circle_tip, needle_poses(setup, samples.advance_m, 0.0)[rows], q),
-        arms_apart_m(setup, thetas_rad, tip_m, q[..., -1, :]),
+        inside_m,
+        apart_m,
     )
 
 

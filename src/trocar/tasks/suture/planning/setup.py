@@ -205,6 +205,12 @@ class Puller:
         check_range("second port sideways", self.sideways_m, 0.0, 0.5)
         check_range("second port up", self.up_m, 0.0, 0.5)
 
+    @staticmethod
+    def at(port_m: NDArray[np.float64]) -> Puller:
+        """Return the second arm with this port (3,) in the world."""
+        x, y, up = port_m.tolist()
+        return Puller(math.atan2(y, x), math.hypot(x, y), up)
+
     @property
     def port_m(self) -> NDArray[np.float64]:
         """Return the port (3,) in the world."""

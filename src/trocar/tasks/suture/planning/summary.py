@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -206,8 +205,9 @@ def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
 def _reason(joints: SutureJoints, row: int, position: int) -> str:
     """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
     arm = joints.arm
-    if misplaced := port_off_wall(joints.setup):
-        return misplaced
+    cannot_pull = np.isneginf(joints.arms_apart_m[row, position])
+    if other := port_off_wall(joints.setup) or ("the second arm cannot pull the needle through" if cannot_pull else ""):
+        return other
     if not np.isfinite(joints.q[row, position]).all():
         return "no configuration of the arm holds the needle as planned"
     nearest = _on_nearest_branch(joints, row, position)
@@ -218,14 +218,8 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
             f"the wrist would be {shown(arm.safe_depth_m - short_m, 'm')} beyond the remote centre, "
             f"{shown(short_m, 'm')} less than the safe depth of {shown(arm.safe_depth_m, 'm', '.0f')}"
         )
-    if worst == len(arm.joints) + 1:
-        return f"the instrument would be {shown(-nearest.above_tissue_m[0, 0], 'm', '.2g')} under the tissue"
-    if worst == len(arm.joints) + 2:
-        left = _clearance(nearest.inside_wall_m[0, 0], OFF_WALL_M, "in the body wall", "from the body wall")
-        return f"instrument or needle would be {left}"
-    if worst > len(arm.joints) + 2:
-        left = _clearance(nearest.arms_apart_m[0, 0], APART_M, "inside each other", "apart")
-        return f"where the second arm comes to the needle's tip, the instruments would be {left}"
+    if worst > len(arm.joints):
+        return _in_the_way(nearest, worst - len(arm.joints))
     joint, values = arm.joints[worst], q[:, worst]
     over, under = float(values.max()) - joint.upper, joint.lower - float(values.min())
     limit, excess, sign = (joint.upper, over, 1) if over >= under else (joint.lower, under, -1)
@@ -243,6 +237,17 @@ def port_off_wall(setup: SutureSetup) -> str:
         if abs(off_m := setup.wall.port_off_m(port_m)) > 1e-9:
             return f"{name} would lie {shown(abs(off_m), 'm')} {'above' if off_m > 0 else 'below'} the body wall"
     return ""
+
+
+def _in_the_way(joints: SutureJoints, which: int) -> str:
+    """Return in words how near one suture's instrument comes to the tissue (1), the body wall (2), the second arm."""
+    if which == 1:
+        return f"the instrument would be {shown(-joints.above_tissue_m[0, 0], 'm', '.2g')} under the tissue"
+    if which == 2:
+        left = _clearance(joints.inside_wall_m[0, 0], OFF_WALL_M, "in the body wall", "from the body wall")
+        return f"instrument or needle would be {left}"
+    left = _clearance(joints.arms_apart_m[0, 0], APART_M, "inside each other", "apart")
+    return f"where the second arm comes to the needle's tip, the instruments would be {left}"
 
 
 def _clearance(left_m: float, asked_m: float, within: str, off: str) -> str:
