@@ -15,7 +15,7 @@ from trocar.tasks.suture.planning.parameters import SEARCHED, with_parameters
 from trocar.tasks.suture.planning.rewards import scored
 
 SETUPS, POSITIONS, COARSE = 300, 180, 12
-DRAWN = tuple(name for name in SEARCHED if not name.startswith(("center", "base_sideways")))
+DRAWN = tuple(name for name in SEARCHED if not name.startswith(("center", "base_sideways", "puller")))
 CLEARANCE_M = (0.010, 0.050)
 """How far outside the circle the base stands, seen from above; the paper's arm is mounted beside the phantom."""
 REWARDS = {"default": Reward(), **{name: Reward(margin=name, at="stations", feasible_first=False) for name in MARGINS}}

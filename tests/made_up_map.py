@@ -15,7 +15,7 @@ def made_up_map(values, feasible=None, feasible_first=True):
     q = np.broadcast_to(PSM_CLASSIC.middle, (2, n, 1, 6)).copy()
     feasible = np.ones((2, n), dtype=bool) if feasible is None else np.asarray(feasible)
     q[~feasible, 0, 2] = PSM_CLASSIC.upper[2] + 0.01
-    joints = SutureJoints(SutureSetup(), 2 * np.pi / n * np.arange(n), q, np.array([True]), np.ones((2, n)))
+    joints = SutureJoints(SutureSetup(), 2 * np.pi / n * np.arange(n), q, np.array([True]), *np.ones((3, 2, n)))
     reward = replace(Reward(), feasible_first=feasible_first)
     choice = np.argmax(values - 1e9 * ~feasible if feasible_first else values, axis=0)
     by_arm = np.zeros((2, n))

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.calibration.excitation import PSM1_BOX, MotionBox
 from trocar.errors import InvalidInput, OutOfReach, UnknownName
 from trocar.eval import Method, Task, check_budget, option
 from trocar.geometry import SE3, shown
-from trocar.lab import Station
+from trocar.lab import Station, load_station
 from trocar.registry import Lazy
 from trocar.tasks.suture.planning import (
     CLOCKWISE,
@@ -31,7 +32,7 @@ from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.planning.settings import preset_of
 from trocar.tasks.suture.planning.summary import plan_out_of_reach
-from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_two_arms
+from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_pulled, plan_two_arms
 from trocar.tasks.suture.scene import NEEDLE, SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
 
@@ -55,6 +56,12 @@ _LOOKING = {
 }
 _BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENTS}.circle:blind")}
 _WORLD = Lazy("trocar.tasks.suture.world:SutureWorld")
+
+
+def pair_of(station: Station) -> tuple[NDArray[np.float64], SecondArm]:
+    """Return where the first arm of a station rests (6,), and its second arm."""
+    first, second = (station.arm(name) for name in list(station.arms)[:2])
+    return first.park_q(), SecondArm(second.model, second.T_world_base, second.park_q())
 
 
 @dataclass(frozen=True)
@@ -162,8 +169,13 @@ class CircleSutures(Task):
         if self.planned:
             return self.planned
         count = self.sutures or SUTURES
-        best = plan_even(dexterity(self.setup, self._chosen.reward, 360 - 360 % count), count)
-        return PlannedSutures(self.setup, best.positions_rad, best.directions)
+        planner, positions = partial(plan_even, count=count), 360 - 360 % count
+        if self.with_two_arms:
+            map, best = plan_pulled(self._chosen, planner, positions, *pair_of(load_station(self.usual_station)))
+        else:
+            map = dexterity(self.setup, self._chosen.reward, positions)
+            best = planner(map)
+        return PlannedSutures(map.setup, best.positions_rad, best.directions)
 
     @property
     def usual_station(self) -> str:
@@ -231,12 +243,11 @@ class CircleSutures(Task):
         Raises:
             OutOfReach: an arm cannot do its part.
         """
-        first, second = (station.arm(name) for name in self.working_arms(station))
-        setup = replace(self.setup, T_world_base=first.T_world_base)
+        home_q, puller = pair_of(station)
+        setup = replace(self.setup, T_world_base=station.arm(self.working_arms(station)[0]).T_world_base)
         sutures = [replace(suture, setup=setup) for suture in self.goals()]
-        puller = SecondArm(second.model, second.T_world_base, second.park_q())
         cameras = [camera.T_world_camera for camera in station.cameras.values()]
-        return plan_two_arms(sutures, first.park_q(), puller, station.T_world_fixture["stand"], cameras)
+        return plan_two_arms(sutures, home_q, puller, station.T_world_fixture["stand"], cameras)
 
     def scene(self, rng: np.random.Generator, station: Station) -> tuple[SutureScene, tuple[str, ...]]:
         """Return the phantom where the plan expects it, how a person places the needle, and the arms that work."""

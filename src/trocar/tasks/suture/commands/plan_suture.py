@@ -22,11 +22,9 @@ from trocar.files.output import PICTURE, require_place, write_json, write_table
 from trocar.lab import load_station
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.commands.options import REWARD, SPACING, option
-from trocar.tasks.suture.demonstrations import Demonstrations
 from trocar.tasks.suture.planning import (
     MARGINS,
     DexterityMap,
-    Preset,
     Spacing,
     SuturePlan,
     dexterity,
@@ -36,9 +34,9 @@ from trocar.tasks.suture.planning import (
 from trocar.tasks.suture.planning.plan import PLAN
 from trocar.tasks.suture.planning.primitive import jaws_above_m
 from trocar.tasks.suture.planning.two_arm_waypoints import TWO_ARM_COLUMNS, Pair, two_arm_rows, two_arm_waypoints
-from trocar.tasks.suture.planning.two_arms import SecondArm, plan_two_arms
+from trocar.tasks.suture.planning.two_arms import plan_pulled, plan_two_arms
 from trocar.tasks.suture.planning.waypoints import COLUMNS, rows, waypoints, waypoints_values
-from trocar.tasks.suture.task import SINGLE, STATIONS, TWO
+from trocar.tasks.suture.task import SINGLE, STATIONS, TWO, pair_of
 
 PAPER_PRESET = "paper-demo"
 KIND = "plan of sutures"
@@ -119,8 +117,16 @@ def suture(
     recorded = options.recorded(demonstrations)
     # what is imported and allocated once is not the planner's time
     options.planner_of(WARM_UP, spacing and Spacing.even(WARM_UP))(dexterity(chosen.setup, reward, WARM_UP, recorded))
+    pair = pair_of(load_station(STATIONS[TWO])) if variant == TWO else None
     started = time.perf_counter()
-    map, plan = _planned(chosen, count, positions or options.grid_of(count), spacing, recorded, continuous)
+    planner, positions = options.planner_of(count, spacing), positions or options.grid_of(count)
+    if pair is not None:
+        map, plan = plan_pulled(chosen, planner, positions, *pair, recorded)
+    else:
+        map = dexterity(chosen.setup, reward, positions, recorded)
+        plan = planner(map)
+    if continuous:
+        plan = refined(map, plan, spacing or Spacing.even(count))
     summary = _summary(map, plan, preset, chosen.fitted, 1e3 * (time.perf_counter() - started))
     if arm is not None and summary["problem"]:
         parts = "--free port" if jaws_above_m(chosen.setup) >= 0 else "--free port --free grasp"
@@ -133,19 +139,6 @@ def suture(
     Result(summary, _lines(summary), succeeded=plan.feasible).show(as_json)
     if view:
         _view(map, plan)
-
-
-def _planned(
-    chosen: Preset,
-    count: int,
-    positions: int,
-    spacing: Spacing | None,
-    recorded: Demonstrations | None,
-    continuous: bool,
-) -> tuple[DexterityMap, SuturePlan]:
-    map = dexterity(chosen.setup, chosen.reward, positions, recorded)
-    plan = options.planner_of(count, spacing)(map)
-    return map, refined(map, plan, spacing or Spacing.even(count)) if continuous else plan
 
 
 def _weights(text: str) -> tuple[float, float, float]:
@@ -165,7 +158,7 @@ def _summary(
     from trocar.tasks.suture.planning.summary import plan_summary
 
     summary = {"preset": preset, "fitted": list(fitted), **plan_summary(map, plan), "compute_ms": compute_ms}
-    if preset == PAPER_PRESET and len(map.thetas_rad) % SUTURES == 0:
+    if preset == PAPER_PRESET and not map.setup.puller.up_m and len(map.thetas_rad) % SUTURES == 0:
         summary |= {"table": by_name(table_1(map)), "paper_table": by_name(PAPER_TABLE_1)}
     return summary
 
@@ -178,15 +171,15 @@ def _two_arms(map: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> l
     """
     station = load_station(STATIONS[TWO])
     names = list(station.arms)[:2]
-    first, second = (station.arm(name) for name in names)
+    first = station.arm(names[0])
     if first.model.name != map.setup.arm.name:
         there = f"is for {first.model.name!r}, the first arm of station {station.name!r}, not {map.setup.arm.name!r}"
         raise InvalidInput(f"--variant {TWO}", there, "leave out --arm")
-    puller = SecondArm(second.model, second.T_world_base, second.park_q())
+    home_q, puller = pair_of(station)
     sutures = sutures_at(map.setup, plan.positions_rad, plan.directions)
     cameras = [camera.T_world_camera for camera in station.cameras.values()]
-    between = plan_two_arms(sutures, first.park_q(), puller, station.T_world_fixture["stand"], cameras)
-    stitches = two_arm_waypoints(sutures, between, first.park_q(), puller)
+    between = plan_two_arms(sutures, home_q, puller, station.T_world_fixture["stand"], cameras)
+    stitches = two_arm_waypoints(sutures, between, home_q, puller)
     parts = [*between.pulls, *(handovers[0] for handovers in between.handovers)]
     summary["two_arms"] = {
         "arms": names,

@@ -15,12 +15,13 @@ from trocar.errors import UnknownName
 from trocar.files.output import PICTURE, write_json
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.planning import NEEDLES, PRESETS, SutureSetup
-from trocar.tasks.suture.planning.settings import settings_between, with_settings
+from trocar.tasks.suture.planning.settings import SETTINGS, setting_of, settings_between, with_settings
 from trocar.tasks.suture.planning.setup_map import SetupMap
 
 KIND = "maps of setups for sutures"
 FILES = {"summary.json": KIND, "suture_setups.png": PICTURE}
 """The files that are written, with their kinds."""
+AROUND = tuple(name for name in SETTINGS if name.startswith(("wall_", "puller_")))
 USUAL_ARMS, USUAL_NEEDLES = ("psm-classic", "raven2-left"), ("RB-1", "SH", "UR-6", "CT-1")
 
 
@@ -32,6 +33,14 @@ def setups(
     needle: Annotated[
         list[str] | None,
         typer.Option(help=f"Needle, repeatable: {', '.join(NEEDLES)}; default: {', '.join(USUAL_NEEDLES)}."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help=f"Body wall or second port, for a base in the direction of x; repeatable. Names: {', '.join(AROUND)}.",
+        ),
     ] = None,
     out: options.Out = None,
 ) -> Result:
@@ -47,6 +56,11 @@ def setups(
         for what, name, known in (("the arm", a, ARMS), ("the needle", n, NEEDLES)):
             if name not in known:
                 raise UnknownName(what, name, known)
+    given = dict(setting_of(text) for text in settings or ())
+    for name in given:
+        if name not in AROUND:
+            raise UnknownName("the setting", name, AROUND)
+    around = with_settings(PRESETS["default"], given).setup
     check_out_folder(out, FILES)
     maps: dict[tuple[str, str], SetupMap] = {}
     with progress() as tick:
@@ -54,6 +68,8 @@ def setups(
             maps[a, n] = setup_map(
                 ARMS[a],
                 NEEDLES[n],
+                wall=around.wall,
+                puller=around.puller,
                 progress=lambda done, total, number=number: tick("places", number * total + done, len(names) * total),
             )
     summary: dict[str, Any] = {"maps": [_values(*name, found) for name, found in maps.items()]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from itertools import product
 
@@ -11,12 +12,11 @@ from numpy.typing import NDArray
 
 from trocar.arms import capsules, ik_unbounded
 from trocar.errors import OutOfReach
-from trocar.geometry import SE3, SO3, TURN
+from trocar.geometry import SE3, SO3, TURN, shown
 from trocar.geometry.capsules import capsule_distances_m
-from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
+from trocar.tasks.suture.planning.clearance import APART_M, JAW_OPEN_RAD
 from trocar.tasks.suture.planning.primitive import INSERTION, ROLL, grasp_pose, unwound
 from trocar.tasks.suture.planning.pull import (
-    APART_M,
     COMES_FROM_M,
     HOLDING_RAD,
     ROOM_RAD,
@@ -25,6 +25,7 @@ from trocar.tasks.suture.planning.pull import (
     room_rad,
     shifted,
     wire_capsules,
+    wrist_inside_m,
 )
 from trocar.tasks.suture.planning.segments import Segment
 from trocar.tasks.suture.planning.setup import SutureSetup
@@ -45,6 +46,7 @@ WIRE_APART_M = 1.0e-3
 """Least distance of an instrument that comes or goes from the wire, except about where its own jaws hold it."""
 ALTERNATIVES, OTHERWISE_RAD = 4, math.radians(25.0)
 """Number of handovers, and how far the needle's attitudes in them differ at least."""
+TOO_LITTLE_ROOM = f"an arm's joints would come within {math.degrees(ROOM_RAD):.0f} deg of their limits, or beyond them"
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,22 +138,30 @@ def plan_handovers(giver: Holder, taker: Holder, places: Places) -> tuple[Handov
         places: where it could.
 
     Raises:
-        OutOfReach: there is none in which both arms reach the needle and stay clear of each other.
+        OutOfReach: there is none in which both arms reach the needle and stay clear of each other; says what most often
+            is in the way.
     """
     rooms = places.both_rad(giver.setup)
     likely = np.argsort(-rooms)[:TRIED]
     worth = np.minimum(rooms[likely], ENOUGH_ROOM_RAD)
     worth -= TURN_COSTS * np.array([_turned_rad(giver, places.T_circle_needle[int(k)]) for k in likely])
     chosen: list[Handover] = []
+    refused: Counter[str] = Counter()
     for k in likely[np.argsort(-worth)]:
         if len(chosen) == ALTERNATIVES or rooms[k] < ROOM_RAD:
             break
         pose = places.T_circle_needle[int(k)]
         others = [pose.rotation.inverse() @ other.T_circle_needle.rotation for other in chosen]
         if all(np.linalg.norm(turn.log()) > OTHERWISE_RAD for turn in others):
-            chosen += [found] if (found := _judged(giver, taker, pose)) is not None else []
+            found = _judged(giver, taker, pose)
+            if isinstance(found, Handover):
+                chosen.append(found)
+            else:
+                refused[found] += 1
     if not chosen:
-        raise OutOfReach("nowhere over the circle can one arm hand the needle to the other; place the arms elsewhere")
+        where = "nowhere over the circle can one arm hand the needle to the other"
+        why = refused.most_common(1)[0][0] if refused else f"{TOO_LITTLE_ROOM}; place the arms elsewhere"
+        raise OutOfReach(f"{where}: {why}")
     return tuple(chosen)
 
 
@@ -183,16 +193,20 @@ def between(q0: NDArray[np.float64], q1: NDArray[np.float64]) -> NDArray[np.floa
     return np.linspace(q0, q1, SAMPLES)
 
 
-def _judged(giver: Holder, taker: Holder, T_circle_needle: SE3) -> Handover | None:
-    """Return the handover of a needle that rests here; None if an arm cannot reach it, or meets the other or the wire.
+def _judged(giver: Holder, taker: Holder, T_circle_needle: SE3) -> Handover | str:
+    """Return the handover of a needle that rests here, or what is in its way, in words.
 
     While one arm moves, the other rests with its jaws on the wire.
     """
     take = taking(taker.setup, T_circle_needle, taker.start_q)
     part = parting(giver.setup, T_circle_needle, giver.start_q)
-    if not (np.isfinite(take.q).all() and np.isfinite(part.q).all()):
-        return None
-    room = min(float(room_rad(each.setup.arm, way.q).min()) for each, way in ((taker, take), (giver, part)))
+    reached = np.isfinite(take.q).all() and np.isfinite(part.q).all()
+    ways = ((taker, take), (giver, part))
+    room = min(float(room_rad(each.setup.arm, way.q).min()) for each, way in ways) if reached else 0.0
+    if room < ROOM_RAD:
+        return f"{TOO_LITTLE_ROOM}; place the arms elsewhere"
+    if min(float(wrist_inside_m(each.setup, way.q).min()) for each, way in ways) < 0.0:
+        return "a wrist would meet the body wall; raise the wall (wall_up_mm) or place the arms elsewhere"
     apart_m = math.inf
     moves = (
         (taker, giver, np.concatenate([between(taker.home_q, take.q[0]), take.q]), part.q[0]),
@@ -206,11 +220,11 @@ def _judged(giver: Holder, taker: Holder, T_circle_needle: SE3) -> Handover | No
         T_world_needle = mover.setup.circle.T_world_circle @ T_circle_needle
         wire = wire_capsules(mover.setup.needle, grasped).moved(T_world_needle)
         if capsule_distances_m(solids, wire).min() < WIRE_APART_M:
-            return None
+            return "open jaws would meet the wire beside their grasp; let them lean less (grasp_lean_deg)"
         if over_tissue_m(mover.setup, path).min() < 0.0:
-            return None
-    if room < ROOM_RAD or apart_m < APART_M:
-        return None
+            return "an instrument would meet the tissue; place the arms elsewhere"
+    if apart_m < APART_M:
+        return f"the instruments would come within {shown(APART_M, 'm', '.0f')} of each other; place the arms elsewhere"
     return Handover(T_circle_needle, take, part, room, apart_m)
 
 

@@ -56,6 +56,13 @@ PARAMETERS = {
     "grasp_lean_rad": Parameter("Rotation of the jaws about their closing direction.", _degrees(0, 90)),
     # flat jaws can hold 0 and 180 deg only
     "grasp_skew_rad": Parameter("Rotation of the jaws about their long axis.", _degrees(-180, 180)),
+    "wall_up_m": Parameter("Height of the body wall's inner surface above the world's origin; 0: no wall."),
+    "wall_thick_m": Parameter("Thickness of the body wall, in which ports lie."),
+    "wall_slope_rad": Parameter("Slope of the body wall."),
+    "wall_azimuth_rad": Parameter("Direction in which the body wall rises, counterclockwise from x."),
+    "puller_azimuth_rad": Parameter("Direction of the second arm's port.", _degrees(0, 360)),
+    "puller_sideways_m": Parameter("Horizontal distance of the second arm's port.", (0.030, 0.150)),
+    "puller_up_m": Parameter("Height of the second arm's port; 0: no second arm.", (0.080, 0.150)),
     "insertion_straight_m": Parameter("How far the needle goes in straight before it turns."),
     "insertion_regrasp_rad": Parameter("How far the jaws move back along the needle."),
 }

@@ -21,7 +21,7 @@ from trocar.arms import ArmModel, ik_unbounded, wrist_depth_m
 from trocar.errors import InvalidValue
 from trocar.geometry import SE3, SO3, TURN, shown
 from trocar.geometry.arrays import finite
-from trocar.tasks.suture.planning.clearance import above_tissue_m, fingers_above_m
+from trocar.tasks.suture.planning.clearance import above_tissue_m, arms_apart_m, fingers_above_m, inside_wall_m
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
@@ -285,6 +285,10 @@ class SutureJoints:
             of its range.
         station: (k,) which samples are stations.
         above_tissue_m: (2, n) least height of fingers, wrist and shaft above the tissue's plane.
+        inside_wall_m: (2, n) by how much instrument and needle stay farther from the body wall than they must;
+            infinite if there is none.
+        arms_apart_m: (2, n) likewise the second arm's instrument from the first one's; minus infinity where it cannot
+            pull the needle through.
     """
 
     setup: SutureSetup
@@ -292,6 +296,8 @@ class SutureJoints:
     q: NDArray[np.float64]
     station: NDArray[np.bool_]
     above_tissue_m: NDArray[np.float64]
+    inside_wall_m: NDArray[np.float64]
+    arms_apart_m: NDArray[np.float64]
 
     @property
     def arm(self) -> ArmModel:
@@ -311,10 +317,15 @@ class SutureJoints:
         return np.where(np.isfinite(short_m), np.maximum(short_m, 0.0), np.inf)
 
     @cached_property
-    def feasible(self) -> NDArray[np.bool_]:
-        """Return which sutures (2, n) keep joints within their limits, the wrist deep enough, and out of the tissue."""
+    def drivable(self) -> NDArray[np.bool_]:
+        """Return which sutures (2, n) keep joints within limits, the wrist deep, and clear of tissue and body wall."""
         within = (self.excess <= LIMIT_TOLERANCE).all(-1) & (self.too_shallow_m <= LIMIT_TOLERANCE)
-        return within & (self.above_tissue_m >= -LIMIT_TOLERANCE)
+        return within & (np.minimum(self.above_tissue_m, self.inside_wall_m) >= -LIMIT_TOLERANCE)
+
+    @cached_property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Return which of these (2, n) also let the second arm, if there is one, come to the needle."""
+        return self.drivable & (self.arms_apart_m >= -LIMIT_TOLERANCE)
 
     @cached_property
     def largest_wrist_rad(self) -> NDArray[np.float64]:
@@ -342,8 +353,37 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     # samples are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
     q = np.moveaxis(ik_unbounded(setup.arm, SE3.unchecked(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
+    return with_clearances(setup, thetas, q, samples, at_zero)
+
+
+def with_clearances(
+    setup: SutureSetup,
+    thetas_rad: NDArray[np.float64],
+    q: NDArray[np.float64],
+    samples: PathSamples,
+    T_circle_tip: SE3,
+    rows: slice = slice(None),
+) -> SutureJoints:
+    """Return sutures in these joints (2, n, k, 6), or those in some rows of ``DIRECTIONS``, with their clearances.
+
+    The tip's poses (2, k) at these samples are those at theta = 0.
+    """
+    inside_m = apart_m = np.full(q.shape[:2], np.inf)
+    if setup.wall.up_m:
+        T_circle_needle = needle_poses(setup, samples.advance_m, 0.0)[rows]
+        inside_m = inside_wall_m(setup, thetas_rad, T_circle_tip, T_circle_needle, q)
+    if setup.puller.up_m:
+        at_end = needle_poses(setup, [setup.insertion.straight_m], [setup.insertion.turn_rad])[rows, 0]
+        tip_m = at_end.apply([0.0, -setup.needle.radius_m, 0.0])
+        apart_m = arms_apart_m(setup, thetas_rad, tip_m, q[..., -1, :])
     return SutureJoints(
-        setup, thetas, q, samples.station, above_tissue_m(setup.arm, at_zero, samples.opened, q[..., 5])
+        setup,
+        thetas_rad,
+        q,
+        samples.station,
+        above_tissue_m(setup.arm, T_circle_tip, samples.opened, q[..., 5]),
+        inside_m,
+        apart_m,
     )
 
 

@@ -19,7 +19,7 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3, TURN
 from trocar.geometry.capsules import Capsules, capsule_distances_m, segment_distances_m
 from trocar.tasks.suture.needle import Needle
-from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD, fingers_above_m
+from trocar.tasks.suture.planning.clearance import APART_M, JAW_OPEN_RAD, OFF_WALL_M, fingers_above_m
 from trocar.tasks.suture.planning.primitive import (
     INSERTION,
     ROLL,
@@ -56,8 +56,6 @@ CLEAR_M, LIFTED_M = 0.004, 0.020
 """How far the needle's tail is drawn beyond the surface, and how far the needle is lifted then."""
 OVER_TISSUE_M = 1.0e-3
 """Least height of fingers, wrist and shaft over the tissue."""
-APART_M = 4.0e-3
-"""Least distance of the two instruments, as a coordinator of arms keeps it."""
 HOLDING_RAD = 0.1
 """Opening of jaws on a wire."""
 SAMPLES = 24
@@ -232,7 +230,8 @@ def _grips(
     back[:, 3, 2, 3] += COMES_DOWN_M
     T_base_theta = any_grasp.T_base_circle @ SE3.from_parts(SO3.axis("z", suture.theta_rad))
     q = ik_unbounded(arm, T_base_theta @ SE3.unchecked(np.concatenate([back[:, :2], poses, back[:, 2:]], axis=1)))
-    room = np.where((over_tissue_m(any_grasp, q) > OVER_TISSUE_M).all(1), room_rad(arm, q).min(1), 0.0)
+    free = (over_tissue_m(any_grasp, q) > OVER_TISSUE_M) & (wrist_inside_m(any_grasp, q) > 0.0)
+    room = np.where(free.all(1), room_rad(arm, q).min(1), 0.0)
     for k in np.argsort(-room):
         if room[k] < ROOM_RAD:
             return
@@ -250,8 +249,8 @@ def _apart_m(grip: Grip, holds: Capsules, leaves: Capsules) -> float:
 
 def _going_home(suture: Suture, home_q: NDArray[np.float64]) -> Capsules:
     """Return the first arm's instrument in the world on its way from the end of a suture home."""
-    *_, withdraw, rise = suture_segments(suture)
-    path = np.concatenate([withdraw.q, rise.q])
+    *_, driven, withdraw, rise = suture_segments(suture)
+    path = np.concatenate([driven.q[-1:], withdraw.q, rise.q])
     path = np.concatenate([path, np.linspace(path[-1], home_q, SAMPLES)])
     return capsules(suture.setup.arm, path, JAW_OPEN_RAD).moved(suture.setup.T_world_base)
 
@@ -366,6 +365,15 @@ def over_tissue_m(setup: SutureSetup, q: NDArray[np.float64]) -> NDArray[np.floa
     """Return the height (...,) of shaft and wrist over the tissue's plane at joints (..., 6)."""
     solids = capsules(setup.arm, q).moved(setup.T_base_circle.inverse())
     return (solids.ends_m[..., :2, :, 2].min(-1) - solids.radii_m[:2]).min(-1)
+
+
+def wrist_inside_m(setup: SutureSetup, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much (...,) the wrist stays farther from the body wall than it must; infinite without a wall."""
+    if not setup.wall.up_m:
+        return np.full(q.shape[:-1], np.inf)
+    solids = capsules(setup.arm, q).moved(setup.T_world_base)
+    over_m = (solids.ends_m[..., 1, :, :] - [0.0, 0.0, setup.wall.up_m]) @ setup.wall.normal
+    return -over_m.max(-1) - solids.radii_m[1] - OFF_WALL_M
 
 
 def shifted(T: SE3, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> SE3:

@@ -212,8 +212,12 @@ def scored(
             remedy = "give --demonstrations, or drop the caution"
             raise InvalidInput("a caution", "needs the variance of recorded sutures", remedy)
         given = np.maximum(given - reward.caution * recorded.sd_at(joints.thetas_rad), 0.0)
-    choice = np.argmax(margin - 1e9 * ~joints.feasible if reward.feasible_first else margin, axis=0)
-    scales = scales or (_unit(np.take_along_axis(margin, choice[None], 0)[0]), _unit(given))
+    # a second arm forbids sutures but changes no rewards
+    drive, choice = (
+        np.argmax(margin - 1e9 * ~can if reward.feasible_first else margin, axis=0)
+        for can in (joints.drivable, joints.feasible)
+    )
+    scales = scales or (_unit(np.take_along_axis(margin, drive[None], 0)[0]), _unit(given))
     values = reward.weight * margin / scales[0] + (1.0 - reward.weight) * given / scales[1]
     return DexterityMap(setup, reward, joints, margin, by_arm, given, values, choice, scales, recorded)
 
@@ -247,7 +251,7 @@ def _mean_squared(joints: SutureJoints) -> NDArray[np.float64]:
     known = np.isfinite(joints.q)
     q = joints.q if known.all() else np.where(known, joints.q, 0.0)
     squares = (manipulability(joints.arm, q) ** 2).mean(2)
-    driven = np.where(joints.feasible.any(0), joints.feasible, True)
+    driven = np.where(joints.drivable.any(0), joints.drivable, True)
     return (squares * driven).sum(0) / driven.sum(0)
 
 

@@ -1,4 +1,4 @@
-"""The geometry of a suture task: arm, circle and mesh, needle, grasp, insertion."""
+"""The geometry of a suture task: arm, circle and mesh, needle, grasp, insertion, body wall and second port."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import PSM_CLASSIC, ArmModel
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
@@ -146,6 +147,78 @@ class Insertion:
 
 
 @dataclass(frozen=True)
+class Wall:
+    """The body wall: what is between two parallel planes in the world. Ports lie in it, instruments work below it.
+
+    Attributes:
+        up_m: height of its inner surface above the world's origin; 0: there is no wall.
+        thick_m: how far its outer surface is from that.
+        slope_rad: its slope, where it is steepest.
+        azimuth_rad: direction in which it rises, counterclockwise from x.
+    """
+
+    up_m: float = 0.0
+    thick_m: float = 0.030
+    slope_rad: float = 0.0
+    azimuth_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range("height of the body wall", self.up_m, 0.0, 0.5)
+        check_range("thickness of the body wall", self.thick_m, 0.0, 0.1)
+        check_range("slope of the body wall", self.slope_rad, 0.0, math.radians(60.0), "rad")
+        check_range("azimuth of the body wall", self.azimuth_rad, -TURN, TURN, "rad")
+
+    @property
+    def normal(self) -> NDArray[np.float64]:
+        """Return the outward normal (3,) in the world."""
+        return (SO3.axis("z", self.azimuth_rad) @ SO3.axis("y", -self.slope_rad)).matrix[:, 2]
+
+    def over_inside_m(self, point_m: ArrayLike) -> float:
+        """Return how far a point (3,) in the world is outward of the inner surface; below 0 it is in the body."""
+        return float(self.normal @ (np.asarray(point_m) - [0.0, 0.0, self.up_m]))
+
+    def port_off_m(self, port_m: ArrayLike) -> float:
+        """Return how far a port (3,) in the world lies outward of the wall, below 0 inward of it; 0 in the wall."""
+        over_m = self.over_inside_m(port_m)
+        return over_m - min(max(over_m, 0.0), self.thick_m) if self.up_m else 0.0
+
+
+@dataclass(frozen=True)
+class Puller:
+    """The port of the second arm, which grasps the needle as it comes out and pulls it through.
+
+    Until then its instrument is drawn back, and then goes straight from the port to the needle's tip: a model that
+    needs no joints. By default it is that of the station ``suture-pair``, if there is a second arm.
+
+    Attributes:
+        azimuth_rad: direction of the port, counterclockwise from x.
+        sideways_m: horizontal distance from the world's origin.
+        up_m: height; 0: there is no second arm.
+    """
+
+    azimuth_rad: float = math.radians(125.0)
+    sideways_m: float = 0.150
+    up_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range("azimuth of the second port", self.azimuth_rad, -TURN, TURN, "rad")
+        check_range("second port sideways", self.sideways_m, 0.0, 0.5)
+        check_range("second port up", self.up_m, 0.0, 0.5)
+
+    @staticmethod
+    def at(port_m: NDArray[np.float64]) -> Puller:
+        """Return the second arm with this port (3,) in the world."""
+        x, y, up = port_m.tolist()
+        return Puller(math.atan2(y, x), math.hypot(x, y), up)
+
+    @property
+    def port_m(self) -> NDArray[np.float64]:
+        """Return the port (3,) in the world."""
+        x, y = math.cos(self.azimuth_rad), math.sin(self.azimuth_rad)
+        return np.array([self.sideways_m * x, self.sideways_m * y, self.up_m])
+
+
+@dataclass(frozen=True)
 class SutureSetup:
     """The complete geometry of a suture task.
 
@@ -160,6 +233,8 @@ class SutureSetup:
     needle: Needle = field(default_factory=Needle)
     grasp: NeedleGrasp = field(default_factory=NeedleGrasp)
     insertion: Insertion = field(default_factory=Insertion)
+    wall: Wall = field(default_factory=Wall)
+    puller: Puller = field(default_factory=Puller)
 
     def __post_init__(self) -> None:
         if 2 * self.needle.radius_m > self.circle.radius_m:
@@ -239,6 +314,8 @@ def base_beside(
 def mirrored(setup: SutureSetup) -> SutureSetup:
     """Return the mirror image of a setup in the y-z plane of its circle, base and grasp: the second arm (assumed).
 
+    The body wall stays what it is, and nobody pulls.
+
     An arm that is symmetric about the plane of its yaw axis, as the PSM is, then moves at pi - theta, in the other
     direction, as it did at theta. The paper does not say where its second arm stands or how it holds the needle.
     """
@@ -246,4 +323,4 @@ def mirrored(setup: SutureSetup) -> SutureSetup:
     T_circle_base = setup.T_base_circle.inverse().matrix
     grasp = replace(setup.grasp, approach_rad=-setup.grasp.approach_rad, skew_rad=-setup.grasp.skew_rad)
     base = setup.circle.T_world_circle @ SE3.unchecked(flip @ T_circle_base @ flip)
-    return replace(setup, T_world_base=base, grasp=grasp)
+    return replace(setup, T_world_base=base, grasp=grasp, puller=Puller())

@@ -1,9 +1,9 @@
 """Which circles an arm can sew with a needle, by where its port stands: a map over the base's distance and height.
 
 A circle can be sewn if at every position, in one direction at least, the suture is feasible. Turning the base about the
-circle's axis only turns the positions, so that distance and height say all about a port. In the middle of the arm's
-ranges the instrument points at the circle's centre, turned about that line as is best. The primitive is scaled with the
-needle.
+circle's axis only turns the positions, so that distance and height say all about a port; a body wall and a second port
+are where they are if it stands in the direction of x. In the middle of the arm's ranges the instrument points at the
+circle's centre, turned about that line as is best. The primitive is scaled with the needle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from trocar.arms import ArmModel, fk
 from trocar.geometry import SE3, SO3, TURN
 from trocar.tasks.suture.needle import Needle
 from trocar.tasks.suture.planning.primitive import jaws_above_m, suture_joints
-from trocar.tasks.suture.planning.setup import Circle, Insertion, NeedleGrasp, SutureSetup
+from trocar.tasks.suture.planning.setup import Circle, Insertion, NeedleGrasp, Puller, SutureSetup, Wall
 
 SIDEWAYS_M = np.linspace(0.0, 0.120, 9)
 UP_M = np.linspace(0.060, 0.200, 8)
@@ -72,6 +72,8 @@ def setup_map(
     needle: Needle,
     sideways_m: NDArray[np.float64] = SIDEWAYS_M,
     up_m: NDArray[np.float64] = UP_M,
+    wall: Wall | None = None,
+    puller: Puller | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SetupMap:
     """Return the map of an arm and a needle.
@@ -81,9 +83,12 @@ def setup_map(
         needle: that it drives.
         sideways_m: (x,) distances of the base.
         up_m: (y,) heights of the base.
+        wall: the body wall; default: none.
+        puller: the second arm's port; default: none.
         progress: called with the number of places done, and their number.
     """
-    grasped = list(grasps(arm, needle))
+    around = {"wall": wall or Wall(), "puller": puller or Puller()}
+    grasped = [replace(setup, **around) for setup in grasps(arm, needle)]
     radius_m, setups = np.zeros((len(up_m), len(sideways_m))), {}
     places = list(itertools.product(range(len(up_m)), range(len(sideways_m))))
     for done, (y, x) in enumerate(places, start=1):
@@ -116,7 +121,8 @@ def grasps(arm: ArmModel, needle: Needle) -> Iterator[SutureSetup]:
 
 def _largest(grasped: list[SutureSetup], sideways_m: float, up_m: float) -> SutureSetup | None:
     """Return the setup of the largest circle that can be sewn from a place; None if there is none."""
-    bases = _aimed(grasped[0].arm, np.array([sideways_m, 0.0, up_m])) if grasped else []
+    place_m = np.array([sideways_m, 0.0, up_m])
+    bases = _aimed(grasped[0].arm, place_m) if grasped and not grasped[0].wall.port_off_m(place_m) else []
     for radius_m in RADII_M.tolist():
         for base, setup in itertools.product(bases, grasped):
             if 2 * setup.needle.radius_m > radius_m:

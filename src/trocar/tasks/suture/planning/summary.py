@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from trocar.arms import fk, ik_branches
 from trocar.geometry import TURN, shown
 from trocar.geometry.capsules import segment_distances_m
-from trocar.tasks.suture.planning.clearance import above_tissue_m
+from trocar.tasks.suture.planning.clearance import APART_M, OFF_WALL_M
 from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, setup_values
 from trocar.tasks.suture.planning.primitive import (
     ROLL,
@@ -30,6 +29,7 @@ from trocar.tasks.suture.planning.primitive import (
     sutures_at,
     tip_poses,
     unwound,
+    with_clearances,
 )
 from trocar.tasks.suture.planning.rewards import DexterityMap
 from trocar.tasks.suture.planning.setup import CLOCKWISE, DIRECTION_NAMES, SutureSetup
@@ -165,6 +165,8 @@ def circle_out_of_reach(joints: SutureJoints) -> str:
     if (height_m := jaws_above_m(joints.setup)) < 0:
         under = f"the jaws would be {shown(-height_m, 'm', '.2g')} under the tissue, wherever the suture is"
         return f"{under}; hold the needle farther behind its tip, or turn the grasp"
+    if misplaced := port_off_wall(joints.setup):
+        return f"{misplaced}; move the port or the wall"
     all_around = not joints.feasible.any()
     parts = [f"at {'all positions' if all_around else _span(arc)} {arc['reason']}" for arc in arcs[:ARCS_NAMED]]
     more = f"; and at {len(arcs) - ARCS_NAMED} more arcs" if len(arcs) > ARCS_NAMED else ""
@@ -183,16 +185,19 @@ def plan_out_of_reach(sutures: Sequence[Suture]) -> str:
 
 
 def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
-    """Return by how much (2, n, 8) each joint leaves its range, as a share of it, and depth and tissue likewise.
+    """Return by how much (2, n, 10) each joint leaves its range, as a share of it, and what else lacks likewise.
 
-    The last two are what is lacking of the safe depth, and how deep the instrument is in the tissue, as a share of its
-    fingers' length.
+    The last four are what is lacking of the safe depth, and of the distance from tissue, body wall and second arm as
+    shares of the fingers' length.
     """
     arm = joints.arm
     shares = (
         *np.moveaxis(joints.excess / (arm.upper - arm.lower), -1, 0),
         joints.too_shallow_m / arm.safe_depth_m,
-        np.maximum(-joints.above_tissue_m, 0.0) / arm.instrument.finger_length_m,
+        *(
+            np.maximum(-clear_m, 0.0) / arm.instrument.finger_length_m
+            for clear_m in (joints.above_tissue_m, joints.inside_wall_m, joints.arms_apart_m)
+        ),
     )
     return np.stack(shares, axis=-1)
 
@@ -200,6 +205,9 @@ def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
 def _reason(joints: SutureJoints, row: int, position: int) -> str:
     """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
     arm = joints.arm
+    cannot_pull = np.isneginf(joints.arms_apart_m[row, position])
+    if other := port_off_wall(joints.setup) or ("the second arm cannot pull the needle through" if cannot_pull else ""):
+        return other
     if not np.isfinite(joints.q[row, position]).all():
         return "no configuration of the arm holds the needle as planned"
     nearest = _on_nearest_branch(joints, row, position)
@@ -211,7 +219,7 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
             f"{shown(short_m, 'm')} less than the safe depth of {shown(arm.safe_depth_m, 'm', '.0f')}"
         )
     if worst > len(arm.joints):
-        return f"the instrument would be {shown(-joints.above_tissue_m[row, position], 'm', '.2g')} under the tissue"
+        return _in_the_way(nearest, worst - len(arm.joints))
     joint, values = arm.joints[worst], q[:, worst]
     over, under = float(values.max()) - joint.upper, joint.lower - float(values.min())
     limit, excess, sign = (joint.upper, over, 1) if over >= under else (joint.lower, under, -1)
@@ -219,6 +227,34 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
         f"joint '{joint.name}' would reach {joint.shown(limit + sign * excess)}, {joint.shown(excess)} "
         f"beyond its limit of {joint.shown(limit, '.0f')}"
     )
+
+
+def port_off_wall(setup: SutureSetup) -> str:
+    """Return in words which port lies outside of the body wall; empty if none does."""
+    ports = {"the port": setup.T_world_base.translation_m}
+    ports |= {"the second arm's port": setup.puller.port_m} if setup.puller.up_m else {}
+    for name, port_m in ports.items():
+        if abs(off_m := setup.wall.port_off_m(port_m)) > 1e-9:
+            return f"{name} would lie {shown(abs(off_m), 'm')} {'above' if off_m > 0 else 'below'} the body wall"
+    return ""
+
+
+def _in_the_way(joints: SutureJoints, which: int) -> str:
+    """Return in words how near one suture's instrument comes to the tissue (1), the body wall (2), the second arm."""
+    if which == 1:
+        return f"the instrument would be {shown(-joints.above_tissue_m[0, 0], 'm', '.2g')} under the tissue"
+    if which == 2:
+        left = _clearance(joints.inside_wall_m[0, 0], OFF_WALL_M, "in the body wall", "from the body wall")
+        return f"instrument or needle would be {left}"
+    left = _clearance(joints.arms_apart_m[0, 0], APART_M, "inside each other", "apart")
+    return f"where the second arm comes to the needle's tip, the instruments would be {left}"
+
+
+def _clearance(left_m: float, asked_m: float, within: str, off: str) -> str:
+    """Return in words how far apart two things are, given what is left of the distance that is asked of them."""
+    if left_m + asked_m < 0:
+        return f"{shown(-left_m - asked_m, 'm')} {within}"
+    return f"{shown(left_m + asked_m, 'm')} {off}, {shown(-left_m, 'm')} less than {shown(asked_m, 'm', '.0f')}"
 
 
 def _on_nearest_branch(joints: SutureJoints, row: int, position: int) -> SutureJoints:
@@ -234,9 +270,8 @@ def _on_nearest_branch(joints: SutureJoints, row: int, position: int) -> SutureJ
     T_circle_tip = tip_poses(joints.setup, samples.advance_m, samples.jaws_rad)[row : row + 1]
     found = []
     for one in q[:, None, None]:
-        above_m = above_tissue_m(arm, T_circle_tip, samples.opened, one[..., 5])
         here = joints.thetas_rad[[position]]
-        found.append(replace(joints, thetas_rad=here, q=one, above_tissue_m=above_m))
+        found.append(with_clearances(joints.setup, here, one, samples, T_circle_tip, slice(row, row + 1)))
     return min(found, key=lambda one: relative_excess(one).max())
 
 

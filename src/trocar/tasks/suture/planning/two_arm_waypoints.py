@@ -50,7 +50,7 @@ def two_arm_waypoints(sutures: Sequence[Suture], plan: TwoArmPlan, home_q: np.nd
             _take(first, take)
             _travel(first, JAW_CLOSED_RAD, lift)
         *way_in, withdraw, rise = suture_segments(suture)
-        first.go(way_in[0].q[0])
+        first.go(next(segment.q[0] for segment in way_in if len(segment.q)))
         for segment in way_in:
             first.follow(segment)
         one, last = plan.pulls[number].grips

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, capsules, fk, ik_unbounded
 from trocar.errors import OutOfReach
-from trocar.geometry import SE3
+from trocar.geometry import SE3, TURN
 from trocar.geometry.capsules import capsule_distances_m
-from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
+from trocar.tasks.suture.demonstrations import Demonstrations
+from trocar.tasks.suture.planning.clearance import APART_M, JAW_OPEN_RAD
 from trocar.tasks.suture.planning.handover import Handover, Holder, between, handover_places, plan_handovers, taking
-from trocar.tasks.suture.planning.primitive import Suture
+from trocar.tasks.suture.planning.plan import Planner, SuturePlan
+from trocar.tasks.suture.planning.primitive import Suture, sutures_at
 from trocar.tasks.suture.planning.pull import (
-    APART_M,
     LIFTED_M,
     ROOM_RAD,
     Pull,
@@ -28,8 +29,10 @@ from trocar.tasks.suture.planning.pull import (
     room_rad,
     shifted,
 )
+from trocar.tasks.suture.planning.rewards import DexterityMap, Preset, dexterity
 from trocar.tasks.suture.planning.segments import UP, Segment
-from trocar.tasks.suture.planning.setup import SutureSetup
+from trocar.tasks.suture.planning.setup import Puller, SutureSetup
+from trocar.tasks.suture.planning.summary import port_off_wall
 from trocar.tasks.suture.stand import T_stand_needle
 
 
@@ -71,6 +74,49 @@ class TwoArmPlan:
         return np.concatenate([way.q for way in first]), np.concatenate([way.q for way in second])
 
 
+def plan_pulled(
+    preset: Preset,
+    planner: Planner,
+    positions: int,
+    first_home_q: NDArray[np.float64],
+    second: SecondArm,
+    recorded: Demonstrations | None = None,
+) -> tuple[DexterityMap, SuturePlan]:
+    """Return the best plan whose needles this second arm can all pull through, and the map of a setup with its port.
+
+    Feasibility comes first. A suture of the best plan that the second arm cannot pull through is forbidden, and the
+    best of the other plans taken, until none is; so no better plan is overlooked.
+
+    Args:
+        preset: setup and reward.
+        planner: makes the best plan of a map.
+        positions: of the grid.
+        first_home_q: (6,) where the first arm rests while the second one moves.
+        second: the other arm.
+        recorded: demonstrations that M comes from.
+    """
+    setup = replace(preset.setup, puller=Puller.at(second.T_world_base.translation_m))
+    map = dexterity(setup, replace(preset.reward, feasible_first=True), positions, recorded)
+    pulled: set[tuple[int, int]] = set()
+    while (plan := planner(map)).feasible:
+        forbidden = []
+        for suture in sutures_at(setup, plan.positions_rad, plan.directions):
+            place = (suture.row, round(suture.theta_rad * positions / TURN))
+            if place in pulled:
+                continue
+            try:
+                plan_pull(suture, second.model, second.T_world_base, first_home_q)
+                pulled.add(place)
+            except OutOfReach:
+                forbidden.append(place)
+        if not forbidden:
+            break
+        apart_m = map.joints.arms_apart_m.copy()
+        apart_m[tuple(np.transpose(forbidden))] = -np.inf
+        map = replace(map, joints=replace(map.joints, arms_apart_m=apart_m))
+    return map, plan
+
+
 def plan_two_arms(
     sutures: Sequence[Suture],
     home_q: NDArray[np.float64],
@@ -91,6 +137,8 @@ def plan_two_arms(
         OutOfReach: an arm cannot do its part; names what.
     """
     setup = sutures[0].setup
+    if misplaced := port_off_wall(replace(setup, puller=Puller.at(second.T_world_base.translation_m))):
+        raise OutOfReach(f"{misplaced}; move it or the wall")
     T_circle_world = setup.circle.T_world_circle.inverse()
     eyes_m = [T_circle_world.apply(camera.translation_m) for camera in cameras]
     places = handover_places(setup, min(eyes_m, key=lambda place: float(np.linalg.norm(place))))
