@@ -9,17 +9,49 @@ import trio
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from crtk_partners import served
+from memory_bus import MemoryBus
+from trocar.crtk import served_camera
 from trocar.crtk.bus import open_bus
 from trocar.crtk.camera import CrtkCamera
 from trocar.crtk.convert import seconds
-from trocar.crtk.messages import Image
+from trocar.crtk.messages import Empty, Image
+from trocar.crtk.served_camera import ServedCameras
 from trocar.lab import load_station
+from trocar.lab.laboratory import build_cell
 from trocar.lab.topics import Topics
 
 pytestmark = pytest.mark.realtime
 TOPICS = Topics(domain=40 + os.getpid() % 150)
 LENS = load_station("peg-transfer").cameras["overhead"].model
 LIMIT_S = 60.0
+
+
+@pytest.mark.parametrize(
+    ("asked_s", "count"),
+    [((0.0, 0.05), 1), ((0.0, 0.05, 0.1), 1), ((0.0, 0.13), 2), ((0.0, 0.05, 0.2), 2), ((0.0, 0.3), 2)],
+)
+def test_who_asks_while_an_image_is_exposed_gets_that_one_and_nobody_waits_for_another(monkeypatch, asked_s, count):
+    bus, exposed = MemoryBus(), []
+    monkeypatch.setattr(served_camera, "open_bus", lambda topics: bus)
+    monkeypatch.setattr(ServedCameras, "_pending", lambda self: 0)
+    laboratory = build_cell(load_station("peg-transfer"), seed=1)
+    cameras, trigger = ServedCameras(laboratory, TOPICS, 0.0), bus.publisher("/overhead/trigger", Empty)
+
+    async def script(cell):
+        monkeypatch.setattr(cameras, "_expose", lambda *_, kept: exposed.append(cell.clock.now_s()))
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(cameras.serve, cell)
+            began_s = cell.clock.now_s()
+            for at_s in asked_s:
+                await cell.clock.sleep(began_s + at_s - cell.clock.now_s())
+                trigger.send(Empty())
+            await cell.clock.sleep(0.5)
+            nursery.cancel_scope.cancel()
+
+    laboratory.run(script, 5.0)
+    exposure_s = laboratory.cameras["overhead"].exposure_s
+    assert len(exposed) == count
+    assert all(any(0 <= at_s - asked <= 2 * exposure_s + 0.03 for at_s in exposed) for asked in asked_s)
 
 
 def test_a_served_camera_runs_freely_until_it_is_asked_and_then_answers_each_request_once():

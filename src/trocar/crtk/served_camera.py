@@ -21,6 +21,8 @@ from trocar.sim.laboratory import SimLaboratory
 
 AHEAD = 2
 """Images that may be asked of the renderer before it has published the first of them."""
+CLOCK_S = 0.03
+"""By this much the clock of whoever asks may be ahead, and the image that is exposed meanwhile still answer him."""
 START_S = 120.0
 """The renderer is ready within this time."""
 END_S = 5.0
@@ -95,7 +97,9 @@ class ServedCameras:
         while True:
             if trigger.take():
                 free = False
-                await cell.clock.sleep(self._cameras[name].exposure_s)
+                await cell.clock.sleep(max(0.0, self._cameras[name].exposure_s - CLOCK_S))
+                trigger.take()  # whoever asked meanwhile gets this image: its stamp is later
+                await cell.clock.sleep(min(CLOCK_S, self._cameras[name].exposure_s))
                 header, state = stamped(), state_of(self._world)
                 while self._pending() >= AHEAD:
                     await cell.clock.sleep(TICK_S)
