@@ -1,10 +1,13 @@
 """Who is in a domain of ROS 2: nodes that begin together, and publishers that have ended."""
 
+import contextlib
 import os
+import socket
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -18,12 +21,14 @@ from cyclonedds.util import duration
 
 from trocar.crtk.bus import open_bus
 from trocar.crtk.messages import JointState
+from trocar.crtk.ros2 import BUFFER
 from trocar.crtk.ros2_graph import Gid, NodeEntities, ParticipantEntities
 from trocar.lab.topics import Topics
 
 pytestmark = pytest.mark.realtime
 DOMAIN = 40 + os.getpid() % 150
 LIMIT_S = 20.0
+LARGEST = Path("/proc/sys/net/core/rmem_max")
 PUBLISHER = """
 import sys
 from trocar.crtk.bus import open_bus
@@ -86,3 +91,14 @@ def test_readers_can_be_counted_while_others_come_and_go():
         over.set()
         thread.join()
     assert len(counts) > 2
+
+
+@pytest.mark.skipif(not LARGEST.is_file(), reason="it is not Linux")
+def test_as_much_may_wait_to_be_read_as_the_system_permits():
+    open_bus(Topics(domain=DOMAIN))
+    sizes = []
+    for number in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(number))) as one:
+            if one.type == socket.SOCK_DGRAM and one.family == socket.AF_INET:
+                sizes.append(one.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF))
+    assert sizes and min(sizes) >= min(BUFFER, int(LARGEST.read_text()))

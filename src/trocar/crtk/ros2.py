@@ -26,9 +26,13 @@ KEPT = 10
 """Messages that a writer keeps for a slow reader (ROS 2's default)."""
 FAST_DDS = "1.15"
 """Vendor whose descriptions of types Cyclone cannot read (measured with rclpy of ROS 2 Kilted)."""
+BUFFER = 1 << 23
+"""Bytes that may wait to be read, if the system permits so many: an image, twice. What finds no place is sent again, a
+tenth of a second later (measured)."""
 CONFIGURATION = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface address="{interface}"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex><Peers>{peers}</Peers>
-</Discovery><Compatibility><IgnoreTypeInformation>{vendor}</IgnoreTypeInformation></Compatibility></Domain></CycloneDDS>"""
+</Discovery><Internal><SocketReceiveBufferSize max="{buffer}B"/></Internal><Compatibility>
+<IgnoreTypeInformation>{vendor}</IgnoreTypeInformation></Compatibility></Domain></CycloneDDS>"""
 
 Message = TypeVar("Message")
 
@@ -78,7 +82,7 @@ class Ros2Bus:
 def _participant(interface: str, peers: tuple[str, ...], domain: int) -> tuple[Any, Graph]:
     """Return this process's participant, and what it sees: a domain can be configured once in a process."""
     hosts = "".join(f'<Peer address="{host}"/>' for host in (interface, *peers))
-    text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS)
+    text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS, buffer=BUFFER)
     try:
         # Kept beyond the interpreter's end: a domain ends with its object, and Cyclone 11.0.1 was once seen to wait for
         # ever when it ends one, after all had been said and saved. The process's end ends it, too.
