@@ -3,21 +3,31 @@
 import ast
 import json
 import re
+import runpy
+import shutil
+import socket
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from made_episodes import short
 from processes import UNPICTURED, python
 from trocar.calibration.plant import PSM1_GREY
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import trial_file
 from trocar.files.archive import read_header
+from trocar.learn.dataset import export_lerobot
+from trocar.learn.policy import load_policy
 from waypoints import FOUR
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = ("first_trial.py", "move_an_arm.py", "plan_sutures.py")
 PLUGINS = ("own_agent.py", "own_cable_model.py", "own_perception.py", "own_planner.py", "own_task.py", "three_dots.py")
+LEARNED = ("chunked_mlp.py", "lerobot_server.py")
 QUICK = ("--calibration", "joints")
 SHORT = ("--transfers", "1", "--flawless-camera", *QUICK)
 
@@ -65,7 +75,7 @@ def assert_complete(folder):
 
 
 def test_every_example_is_tested():
-    assert {path.name for path in EXAMPLES.glob("*.py")} == {*SCRIPTS, *PLUGINS}
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {*SCRIPTS, *PLUGINS, *LEARNED}
 
 
 # Scripts.
@@ -89,6 +99,92 @@ def test_sutures_are_planned_and_drawn(tmp_path):
     even, freer = map(float, re.findall(r": (\d\.\d+)", said))
     assert 0 < even <= freer <= 1
     assert (tmp_path / "out" / "sutures.png").stat().st_size > 10_000
+
+
+# Policies. What trains them (PyTorch, LeRobot) is not installed here.
+
+
+def seen_at(x_m, done=0.0):
+    objects = np.zeros(15, np.float32)
+    objects[14] = done
+    return {"state": np.array([x_m, 0, 0, 0, 0, 0, 1, 0], np.float32), "objects": objects}
+
+
+def test_the_network_plays_what_it_predicts_until_its_task_is_done(tmp_path):
+    code = runpy.run_path(str(EXAMPLES / "chunked_mlp.py"))
+    shutil.copy(EXAMPLES / "chunked_mlp.py", tmp_path / "policy.py")
+    steps = np.arange(code["CHUNK"])[:, None] * np.ones(8)
+    weights = {
+        "weight0": np.zeros((4, 23)),
+        "bias0": np.zeros(4),
+        "weight1": np.zeros((240, 4)),
+        "bias1": steps.ravel(),
+    }
+    scale = {"mean_in": np.zeros(23), "sd_in": np.ones(23), "mean_out": np.full(8, 5.0), "sd_out": np.full(8, 2.0)}
+    np.savez(tmp_path / "weights.npz", **weights, **scale)
+    with load_policy(str(tmp_path)) as ask:
+        played = [ask(seen_at(0.0))[0] for _ in range(code["PLAYED"] + 1)]
+        assert played == [5.0 + 2 * k for k in range(code["PLAYED"])] + [5.0]
+        while (action := ask(seen_at(0.1, done=1.0))) is not None and action[0] > 5.0:
+            pass
+        assert action is not None, "it goes on to where it began"
+        for _ in range(code["PLAYED"]):
+            action = ask(seen_at(0.0, done=1.0))
+        assert action is None
+
+
+def test_the_network_learns_from_an_exported_data_set(tmp_path):
+    noted = {"observed_state": np.zeros((91, 8), np.float32), "observed_objects": np.ones((91, 15), np.float32)}
+    events = [{"name": "observed", "time_s": 0.0, "objects": [f"number{k}" for k in range(15)]}]
+    trials = [replace(one, arrays=one.arrays | noted, events=one.events + events) for one in (short(0), short(1))]
+    export_lerobot(trials, tmp_path)
+    seen, chunks = runpy.run_path(str(EXAMPLES / "chunked_mlp.py"))["frames_of"](tmp_path)
+    assert [part.shape for part in (*seen, *chunks)] == [(91, 23)] * 2 + [(91, 30, 8)] * 2
+    np.testing.assert_allclose(chunks[0][0, 1:], chunks[0][1, :-1])
+    np.testing.assert_allclose(chunks[0][-1], np.tile(chunks[0][-1, 0], (30, 1)))
+
+
+STAND_INS = """
+import sys, types
+def module(name, **members):
+    sys.modules[name] = types.ModuleType(name)
+    sys.modules[name].__dict__.update(members)
+class Rows(list):
+    def __getitem__(self, key): return self if key is None else list.__getitem__(self, key)
+    def tolist(self): return list(self)
+class Nothing:
+    def __enter__(self): pass
+    def __exit__(self, *_): pass
+class Policy:
+    config = None
+    from_pretrained = classmethod(lambda cls, folder: cls())
+    def reset(self): pass
+    def select_action(self, batch):
+        return [Rows([batch["observation.state"][0], batch["observation.environment_state"][0]])]
+module("torch", tensor=lambda values, dtype: Rows(values), float32=None, no_grad=Nothing, set_num_threads=print)
+for name in ("lerobot", "lerobot.policies", "lerobot.policies.act"):
+    module(name)
+module("lerobot.policies.act.modeling_act", ACTPolicy=Policy)
+same = lambda values: values
+module("lerobot.policies.factory", make_pre_post_processors=lambda config, folder: (same, same))
+import runpy
+runpy.run_path(sys.argv.pop(1), run_name="__main__")
+"""
+
+
+def test_a_policy_of_lerobot_is_served(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    words = [sys.executable, "-c", STAND_INS, EXAMPLES / "lerobot_server.py", tmp_path, "--port", str(port)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE) as server:
+        try:
+            while b"serving" not in (line := server.stdout.readline()):
+                assert line, "it has ended"
+            with load_policy(f"tcp://127.0.0.1:{port}") as ask, load_policy(f"tcp://127.0.0.1:{port}") as other:
+                assert ask(seen_at(0.25)) == [0.25, 0.0] and other(seen_at(0.5)) == [0.5, 0.0]
+                assert ask(seen_at(0.25, done=1.0)) is None and other(seen_at(0.6, done=1.0)) is not None
+        finally:
+            server.terminate()
 
 
 # Plugins.

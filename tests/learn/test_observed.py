@@ -87,6 +87,22 @@ def test_an_environment_sees_what_a_trial_sees():
     env.close()
 
 
+def test_fragments_keep_their_numbers_and_are_where_they_truly_lie():
+    env = CellEnv("debridement", observation=("objects", "privileged"), budget_s=3.0, fragments=4)
+    seen, _ = env.reset(seed=2)
+    assert not seen["objects"].any(), "nothing has been seen yet"
+    still = np.clip(env._control.observe()["joints"], env.action_space.low, env.action_space.high)
+    first = None
+    for step in range(80):
+        seen = env.step(still)[0]
+        first = seen["objects"] if step == 40 else first
+    found, true = (rows.reshape(4, -1) for rows in (seen["objects"], seen["privileged"]))
+    assert found[:, 5].all() and np.abs(found - first.reshape(4, -1))[:, :3].max() < SLACK_M
+    off = np.linalg.norm(found[:, None, :2] - true[None, :, :2], axis=-1)
+    assert sorted(off.argmin(axis=1)) == [0, 1, 2, 3] and off.min(axis=1).max() < 4e-3, "the camera's pose errs"
+    env.close()
+
+
 def test_a_task_without_objects_says_so():
     load_plugin("examples/three_dots.py")
     with pytest.raises(InvalidInput, match="'objects' is nothing in this task"):

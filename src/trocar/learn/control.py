@@ -13,7 +13,7 @@ from trocar.arms import MotionLimits, fk, ik
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, InvalidValue, MotionRefused, OutOfReach, UnknownName
 from trocar.geometry import SE3, SO3
-from trocar.learn.poses import WIDTH, action_names, state_names, vectors
+from trocar.learn.poses import WIDTH, action_names, state_names, turn_beside
 from trocar.motion.following import step_towards
 from trocar.perception.image import CameraModel, Image, Intrinsics, RgbdImage, StereoWindow, Window
 from trocar.robots import TICK_S, Compensated
@@ -100,13 +100,10 @@ class Control:
         rows, poses = [], []
         for arm in self.arms:
             reading = self._cell.robot.read(arm)
-            row = np.append(reading.q, reading.jaw_rad)
-            pose = vectors(self._cell.arms[arm], self._cell.T_world_base_registered[arm], row[None])[0]
-            before = self._turns.get(arm, pose[3:7])
-            pose[3:7] *= 1.0 if before @ pose[3:7] >= 0 else -1.0
-            self._turns[arm] = pose[3:7]
-            rows.append(row)
-            poses.append(pose)
+            tip = self._cell.T_world_base_registered[arm] @ fk(self._cell.arms[arm], reading.q)
+            self._turns[arm] = turn = turn_beside(tip.rotation.as_quaternion()[[1, 2, 3, 0]], self._turns.get(arm))
+            rows += [reading.q, [reading.jaw_rad]]
+            poses += [tip.translation_m, turn, [reading.jaw_rad]]
         return {"joints": np.hstack(rows).astype(np.float32), "state": np.hstack(poses).astype(np.float32)}
 
     def checked(self, action: ArrayLike) -> NDArray[np.float64]:

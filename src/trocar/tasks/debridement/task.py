@@ -60,6 +60,7 @@ class Debridement(Task):
     name = "debridement"
     about = "fragments of foam into a receptacle, two arms at once, re-planning all the way (Kehoe et al. 2014)"
     goal_noun = "fragment"
+    objects = Lazy("trocar.tasks.debridement.perception.objects:DebridementObjects")
     report = Lazy("trocar.tasks.debridement.report:DebridementReport")
     study = Lazy("trocar.tasks.debridement.report.study:DebridementStudy")
     station = "raven-pair"

@@ -1,0 +1,132 @@
+"""Stable-Baselines3's SAC learns to touch a ball that the camera finds; and its checks of every environment.
+
+PyTorch and Stable-Baselines3 are no dependencies: put them beside Trocar, for this benchmark alone.
+
+Run: PYTHONPATH=SITE_PACKAGES .venv/bin/python benchmarks/bench_sac.py [--check] [--minutes 10]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from stable_baselines3 import SAC
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_checker import check_env
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import SubprocVecEnv
+
+import trocar.learn.envs
+from trocar.eval import TASKS
+from trocar.learn.control import ACTIONS
+from trocar.learn.environment import REWARDS
+
+PLUGIN = str(Path(__file__).parents[1] / "examples" / "own_task.py")
+
+
+def made(seed: int) -> Callable[[], gymnasium.Env]:
+    """Return what makes the environment: one ball, four seconds, increments of the tip."""
+
+    def make() -> gymnasium.Env:
+        import trocar.learn.envs  # in each process
+
+        env: Any = gymnasium.make(
+            trocar.learn.envs.environment_id("own-task") if "own-task" in TASKS else _loaded(),
+            balls=1,
+            budget_s=4.0,
+            action="cartesian",
+            observation=("state", "objects"),
+            reward="dense",
+            calibrated=True,
+            difficulty="mild",
+            seed=seed,
+        )
+        env = gymnasium.wrappers.FilterObservation(env, ["state", "objects", "time_s"])
+        return Monitor(gymnasium.wrappers.RescaleAction(env, -1.0, 1.0))
+
+    return make
+
+
+def _loaded() -> str:
+    from trocar.registry import load_plugin
+
+    load_plugin(PLUGIN)
+    return trocar.learn.envs.environment_id("own-task")
+
+
+class Clock(BaseCallback):
+    """Ends the learning after some minutes."""
+
+    def __init__(self, minutes: float):
+        super().__init__()
+        self.ends_s = time.monotonic() + 60 * minutes
+
+    def _on_step(self) -> bool:
+        return time.monotonic() < self.ends_s
+
+
+def check() -> None:
+    """Let Stable-Baselines3 check every task, variant, action, observation and reward."""
+    for task in TASKS:
+        fields = TASKS[task].__dataclass_fields__
+        variants = fields["variant"].metadata.get("choices", ()) if "variant" in fields else ()
+        seen = ["state", "images", "privileged"] + (["objects"] if TASKS[task].objects is not None else [])
+        ways = [{"variant": variant} for variant in variants] or [{}]
+        ways += [{"action": action} for action in ACTIONS] + [{"observation": part} for part in seen]
+        ways += [{"reward": reward} for reward in REWARDS] + [{"calibrated": True}]
+        for how in ways:
+            try:
+                env = gymnasium.make(trocar.learn.envs.environment_id(task), budget_s=3.0, **how)
+            except trocar.errors.InvalidInput as error:
+                print(f"{task} {how}: refused: {error}")
+                continue
+            check_env(env.unwrapped, warn=False)
+            env.close()
+            print(f"{task} {how}: passed", flush=True)
+
+
+def touched(model: SAC, episodes: int) -> float:
+    """Return the share of new episodes in which the ball was touched."""
+    env, done = made(99)(), 0
+    for episode in range(episodes):
+        seen, info = env.reset(seed=1000 + episode)
+        over = False
+        while not over:
+            action, _ = model.predict(seen, deterministic=True)
+            seen, _, terminated, truncated, info = env.step(action)
+            over = terminated or truncated
+        done += info["score"] == 1.0
+    env.close()
+    return done / episodes
+
+
+def main() -> None:
+    """Learn, and say how often the ball is touched then."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--episodes", type=int, default=60)
+    given = parser.parse_args()
+    if given.check:
+        check()
+        return
+    env = SubprocVecEnv([made(seed) for seed in range(2)])
+    model = SAC(
+        "MultiInputPolicy", env, seed=0, gamma=0.95, learning_starts=600, train_freq=2, gradient_steps=2, batch_size=256
+    )
+    began = time.monotonic()
+    model.learn(10_000_000, callback=Clock(given.minutes))
+    env.close()
+    minutes = (time.monotonic() - began) / 60
+    share = touched(model, given.episodes)
+    print(f"{model.num_timesteps} steps in {minutes:.1f} minutes: {100 * share:.0f} % of {given.episodes} new episodes")
+    assert np.isfinite(share)
+
+
+if __name__ == "__main__":
+    main()
