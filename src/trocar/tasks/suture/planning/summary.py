@@ -20,6 +20,7 @@ from trocar.geometry.capsules import segment_distances_m
 from trocar.tasks.suture.planning.clearance import APART_M, OFF_WALL_M
 from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, setup_values
 from trocar.tasks.suture.planning.primitive import (
+    LIMIT_TOLERANCE,
     ROLL,
     Suture,
     SutureJoints,
@@ -188,15 +189,17 @@ def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
     """Return by how much (2, n, 10) each joint leaves its range, as a share of it, and what else lacks likewise.
 
     The last four are what is lacking of the safe depth, and of the distance from tissue, body wall and second arm as
-    shares of the fingers' length.
+    shares of the fingers' length. Where nothing lacks but that the second arm cannot pull the needle through, it is
+    next to nothing.
     """
     arm = joints.arm
+    arms_apart_m = np.where(np.isneginf(joints.arms_apart_m), -LIMIT_TOLERANCE, joints.arms_apart_m)
     shares = (
         *np.moveaxis(joints.excess / (arm.upper - arm.lower), -1, 0),
         joints.too_shallow_m / arm.safe_depth_m,
         *(
             np.maximum(-clear_m, 0.0) / arm.instrument.finger_length_m
-            for clear_m in (joints.above_tissue_m, joints.inside_wall_m, joints.arms_apart_m)
+            for clear_m in (joints.above_tissue_m, joints.inside_wall_m, arms_apart_m)
         ),
     )
     return np.stack(shares, axis=-1)
