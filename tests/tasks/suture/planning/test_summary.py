@@ -112,6 +112,7 @@ def test_depth_is_named_where_it_is_the_depth_that_is_lacking():
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
+        ({"base_up_mm": -10}, "the port would lie 10.0 mm under the tissue's surface; move the port$"),
         ({"wall_up_mm": 110}, "the port would lie 10.0 mm below the body wall; move the port or the wall"),
         ({"wall_up_mm": 85, "puller_up_mm": 120}, "the second arm's port would lie 5.0 mm above the body wall; move"),
         ({"wall_up_mm": 40, "wall_thick_mm": 80}, r"deg instrument or needle would be [\d.]+ mm from the body wall, "),

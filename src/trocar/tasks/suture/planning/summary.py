@@ -166,8 +166,8 @@ def circle_out_of_reach(joints: SutureJoints) -> str:
     if (height_m := jaws_above_m(joints.setup)) < 0:
         under = f"the jaws would be {shown(-height_m, 'm', '.2g')} under the tissue, wherever the suture is"
         return f"{under}; hold the needle farther behind its tip, or turn the grasp"
-    if misplaced := port_off_wall(joints.setup):
-        return f"{misplaced}; move the port or the wall"
+    if misplaced := misplaced_port(joints.setup):
+        return f"{misplaced}; move the port{' or the wall' if joints.setup.wall.up_m else ''}"
     all_around = not joints.feasible.any()
     parts = [f"at {'all positions' if all_around else _span(arc)} {arc['reason']}" for arc in arcs[:ARCS_NAMED]]
     more = f"; and at {len(arcs) - ARCS_NAMED} more arcs" if len(arcs) > ARCS_NAMED else ""
@@ -209,7 +209,9 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
     """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
     arm = joints.arm
     cannot_pull = np.isneginf(joints.arms_apart_m[row, position])
-    if other := port_off_wall(joints.setup) or ("the second arm cannot pull the needle through" if cannot_pull else ""):
+    if other := misplaced_port(joints.setup) or (
+        "the second arm cannot pull the needle through" if cannot_pull else ""
+    ):
         return other
     if not np.isfinite(joints.q[row, position]).all():
         return "no configuration of the arm holds the needle as planned"
@@ -232,8 +234,10 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
     )
 
 
-def port_off_wall(setup: SutureSetup) -> str:
-    """Return in words which port lies outside of the body wall; empty if none does."""
+def misplaced_port(setup: SutureSetup) -> str:
+    """Return in words which port lies in the tissue or outside of the body wall; empty if none does."""
+    if (height_m := setup.port_above_tissue_m) < 0:
+        return f"the port would lie {shown(-height_m, 'm')} under the tissue's surface"
     ports = {"the port": setup.T_world_base.translation_m}
     ports |= {"the second arm's port": setup.puller.port_m} if setup.puller.up_m else {}
     for name, port_m in ports.items():
