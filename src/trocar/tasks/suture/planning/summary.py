@@ -208,22 +208,15 @@ def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
 def _reason(joints: SutureJoints, row: int, position: int) -> str:
     """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
     arm = joints.arm
-    cannot_pull = np.isneginf(joints.arms_apart_m[row, position])
-    if other := misplaced_port(joints.setup) or (
-        "the second arm cannot pull the needle through" if cannot_pull else ""
-    ):
-        return other
+    if misplaced := misplaced_port(joints.setup):
+        return misplaced
+    if np.isneginf(joints.arms_apart_m[row, position]):
+        return "the second arm cannot pull the needle through"
     if not np.isfinite(joints.q[row, position]).all():
         return "no configuration of the arm holds the needle as planned"
     nearest = _on_nearest_branch(joints, row, position)
     q, worst = nearest.q[0, 0], int(np.argmax(relative_excess(nearest)))
-    if worst == len(arm.joints):
-        short_m = nearest.too_shallow_m[0, 0]
-        return (
-            f"the wrist would be {shown(arm.safe_depth_m - short_m, 'm')} beyond the remote centre, "
-            f"{shown(short_m, 'm')} less than the safe depth of {shown(arm.safe_depth_m, 'm', '.0f')}"
-        )
-    if worst > len(arm.joints):
+    if worst >= len(arm.joints):
         return _in_the_way(nearest, worst - len(arm.joints))
     joint, values = arm.joints[worst], q[:, worst]
     over, under = float(values.max()) - joint.upper, joint.lower - float(values.min())
@@ -247,7 +240,14 @@ def misplaced_port(setup: SutureSetup) -> str:
 
 
 def _in_the_way(joints: SutureJoints, which: int) -> str:
-    """Return in words how near one suture's instrument comes to the tissue (1), the body wall (2), the second arm."""
+    """Return in words how near one suture's wrist is to its port (0), and its instrument to the tissue (1), the body
+    wall (2), or the second arm."""
+    if which == 0:
+        safe_m, short_m = joints.arm.safe_depth_m, joints.too_shallow_m[0, 0]
+        return (
+            f"the wrist would be {shown(safe_m - short_m, 'm')} beyond the remote centre, "
+            f"{shown(short_m, 'm')} less than the safe depth of {shown(safe_m, 'm', '.0f')}"
+        )
     if which == 1:
         return f"the instrument would be {shown(-joints.above_tissue_m[0, 0], 'm', '.2g')} under the tissue"
     if which == 2:
