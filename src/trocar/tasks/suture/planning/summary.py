@@ -240,8 +240,7 @@ def misplaced_port(setup: SutureSetup) -> str:
 
 
 def _in_the_way(joints: SutureJoints, which: int) -> str:
-    """Return in words how near one suture's wrist is to its port (0), and its instrument to the tissue (1), the body
-    wall (2), or the second arm."""
+    """Return in words what one suture lacks: depth (0), distance from tissue (1), body wall (2) or second arm (3)."""
     if which == 0:
         safe_m, short_m = joints.arm.safe_depth_m, joints.too_shallow_m[0, 0]
         return (
