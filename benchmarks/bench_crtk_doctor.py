@@ -3,7 +3,7 @@
 The robot, the client that moves its first arm and the doctor are processes of their own. One robot has one fault after
 the other, but those that are there from the start, for which another one is served. Where this machine holds the doctor
 up, so that it does not judge what it should, it listens again. Printed: which check should find the fault, whether it
-did, and which others failed, of whom. It takes five minutes, on a machine that is not busy.
+did, and which others failed, of whom. It takes three minutes.
 
     PYTHONPATH=src python benchmarks/bench_crtk_doctor.py [KIND ...]
 """

@@ -41,6 +41,9 @@ class DotWorld(TaskWorld):
         for dot in self.dots.keys() & set(self.data.contact.geom[: self.data.ncon].ravel().tolist()):
             self.touched_s.setdefault(self.dots[dot], time_s)
 
+    def errand(self, goal):
+        return self.places_m[goal], self.places_m[goal]
+
     def truth(self, record):
         return self.touched_s
 

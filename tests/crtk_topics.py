@@ -17,6 +17,7 @@ from trocar.crtk.messages import (
     Bool,
     Empty,
     Float64,
+    IntervalStatistics,
     OperatingState,
     Point,
     Pose,
@@ -31,6 +32,7 @@ from trocar.lab import load_station
 
 PARTNER = Path(__file__).parent / "crtk" / "ros_partner.py"
 OUT = KINDS | {"operating_state": OperatingState, "trajectory_j/ratio": Float64}
+OUT |= {"period_statistics": IntervalStatistics}
 IN = MOTIONS | EFFORTS | {"hold": Empty, "state_command": StringStamped}
 IN |= {"trajectory_j/set_ratio": Float64, "emulate_tool_present": Bool}
 ARM = load_station("peg-transfer").arms["psm1"]
@@ -91,6 +93,12 @@ def check_reports(partner: dict[str, Any]) -> None:
     for topic, jacobian in (("body/jacobian", body_jacobian), ("spatial/jacobian", spatial_jacobian)):
         matrix = np.array(heard[topic]["data"]).reshape([one["size"] for one in heard[topic]["layout"]["dim"]])
         assert np.abs(matrix - jacobian(ARM.model, q)).max() < 1e-9
+    periods = heard["period_statistics"]
+    assert 1.0 <= periods["statistics_interval"] < 2.0 and 0.005 < periods["period_avg"] < 0.02
+    assert periods["period_min"] <= periods["period_avg"] <= periods["period_max"]
+    assert 0 < periods["compute_time_min"] <= periods["compute_time_avg"] <= periods["compute_time_max"]
+    counted = periods["number_of_samples"] * periods["period_avg"]
+    assert counted == pytest.approx(periods["statistics_interval"]) and periods["user_data"] == 0
     twist = heard["measured_cv"]["twist"]
     assert max(abs(value) for part in twist.values() for value in part.values()) < 1e-6
 

@@ -1,13 +1,14 @@
-"""Writes the ROS package ``crtk_msgs``, as far as CRTK's clients in Python import it, into the folder that is given.
+"""Writes the ROS packages ``crtk_msgs`` and ``cisst_msgs``, as far as a served arm's clients need them, into a folder.
 
-No package index has it. ``tools/ros1.sh`` and ``tools/ros2.sh`` make Python of it for their test partners.
+No package index has them. ``tools/ros1.sh`` and ``tools/ros2.sh`` make Python of them for their test partners.
 """
 
 import sys
 from pathlib import Path
 
 GAINS = "crtk_msgs/CartesianImpedanceHalfPlaneGains"
-INTERFACES = {
+TIMES = [f"{what}_{of}" for what in ("period", "compute_time") for of in ("avg", "std_dev", "min", "max")]
+CRTK = {
     "msg/StringStamped": "std_msgs/Header header, string string",
     "msg/OperatingState": "std_msgs/Header header, string state, bool is_homed, bool is_busy",
     "msg/CartesianImpedanceHalfPlaneGains": ", ".join(
@@ -20,9 +21,14 @@ INTERFACES = {
     "geometry_msgs/Pose cp, bool result, string message",
     "srv/QueryInverseKinematics": "geometry_msgs/Pose cp, float64[] jp, ---, float64[] jp, bool result, string message",
 }
-"""Fields of each message and service of crtk_msgs 1.3."""
+CISST = {
+    "msg/IntervalStatistics": f"std_msgs/Header header, {', '.join(f'float64 {name}' for name in TIMES)}, "
+    "int64 number_of_samples, int64 number_of_overruns, float64 statistics_interval, int64 user_data"
+}
+PACKAGES = {"crtk_msgs": CRTK, "cisst_msgs": CISST}
+"""Fields of each message and service of crtk_msgs 1.3, and of cisst_msgs 4.0 that an arm publishes."""
 CMAKE = """cmake_minimum_required(VERSION 3.16)
-project(crtk_msgs)
+project(PACKAGE)
 find_package(ament_cmake REQUIRED)
 foreach(step rosidl_cmake rosidl_generator_type_description rosidl_generator_c rosidl_typesupport_introspection_c
     rosidl_typesupport_fastrtps_c rosidl_typesupport_c rosidl_generator_py)
@@ -30,26 +36,28 @@ foreach(step rosidl_cmake rosidl_generator_type_description rosidl_generator_c r
 endforeach()
 find_package(std_msgs REQUIRED)
 find_package(geometry_msgs REQUIRED)
-rosidl_generate_interfaces(crtk_msgs FILES DEPENDENCIES std_msgs geometry_msgs)
+rosidl_generate_interfaces(PACKAGE FILES DEPENDENCIES std_msgs geometry_msgs)
 ament_package()
 """
-PACKAGE = """<package format="3"><name>crtk_msgs</name><version>1.3.0</version><description>of CRTK</description>
+MANIFEST = """<package format="3"><name>PACKAGE</name><version>1.3.0</version><description>of CRTK</description>
 <maintainer email="nobody@example.org">nobody</maintainer><license>MIT</license>
 <member_of_group>rosidl_interface_packages</member_of_group></package>
 """
 
 
 def main() -> None:
-    """Write the package."""
-    folder, files = Path(sys.argv[1]), []
-    for name, interface in INTERFACES.items():
-        kind = name.partition("/")[0]
-        files.append(f"{name}.{kind}")
-        file = folder / files[-1]
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(interface.replace(", ", "\n") + "\n")
-    (folder / "CMakeLists.txt").write_text(CMAKE.replace("FILES", " ".join(files)))
-    (folder / "package.xml").write_text(PACKAGE)
+    """Write the packages."""
+    for package, interfaces in PACKAGES.items():
+        folder, files = Path(sys.argv[1]) / package, []
+        for name, interface in interfaces.items():
+            kind = name.partition("/")[0]
+            files.append(f"{name}.{kind}")
+            file = folder / files[-1]
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(interface.replace(", ", "\n") + "\n")
+        cmake = CMAKE.replace("FILES", " ".join(files)).replace("PACKAGE", package)
+        (folder / "CMakeLists.txt").write_text(cmake)
+        (folder / "package.xml").write_text(MANIFEST.replace("PACKAGE", package))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes .ros1: the Python of .venv with Debian's rospy, crtk_msgs and PyKDL beside what .venv has, so that trocar speaks
-# ROS 1 and has a test partner. Needs Debian or Ubuntu, root, and a .venv of the same Python as the system's.
+# Makes .ros1: the Python of .venv with Debian's rospy, crtk_msgs, cisst_msgs and PyKDL beside what .venv has, so that
+# trocar speaks ROS 1 and has a test partner. Needs Debian or Ubuntu, root, and a .venv of the same Python as the system's.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 fail() { echo "no ROS 1 here: $1" >&2; exit 1; }
@@ -30,15 +30,15 @@ END
 build=$(mktemp -d)
 trap 'rm -rf "$build"' EXIT
 .ros1/bin/python tools/crtk_msgs.py "$build"
-into=".ros1/lib/python$ours/site-packages/crtk_msgs"
 search=$(for name in std_msgs geometry_msgs; do echo "-I$name:/usr/share/$name/msg"; done)
-for kind in msg srv; do
-  make=".ros1/bin/python /usr/lib/genpy/gen${kind}_py.py"
+for files in "$build"/*/msg "$build"/*/srv; do
+  package=$(basename "$(dirname "$files")") kind=$(basename "$files")
+  into=".ros1/lib/python$ours/site-packages/$package" make=".ros1/bin/python /usr/lib/genpy/gen${kind}_py.py"
   mkdir -p "$into/$kind"
-  $make -p crtk_msgs "-Icrtk_msgs:$build/msg" $search -o "$into/$kind" "$build/$kind"/*."$kind"
-  $make --initpy -p crtk_msgs -o "$into/$kind"
+  touch "$into/__init__.py"
+  $make -p "$package" "-I$package:$build/$package/msg" $search -o "$into/$kind" "$files"/*."$kind"
+  $make --initpy -p "$package" -o "$into/$kind"
 done
-touch "$into/__init__.py"
-.ros1/bin/python -c "import crtk_msgs.srv, cyclonedds, mujoco, numpy, rospy, sensor_msgs.msg, trio, PyKDL
+.ros1/bin/python -c "import cisst_msgs.msg, crtk_msgs.srv, cyclonedds, mujoco, numpy, rospy, sensor_msgs.msg, trio, PyKDL
 assert numpy.__version__ >= '2', numpy.__file__
 print('rospy is ready in .ros1')"

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes .ros2: Python 3.12 with the real rclpy (ROS 2 Kilted, Fast DDS) and crtk_msgs, a test partner for trocar.crtk.
+# Makes .ros2: Python 3.12 with the real rclpy (ROS 2 Kilted, Fast DDS), crtk_msgs and cisst_msgs, a partner for trocar.crtk.
 # With --clients also PyKDL, which the public CRTK clients need (Debian or Ubuntu, root).
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -19,22 +19,23 @@ pip ros-kilted-rclpy==9.1.2 ros-kilted-rmw-fastrtps-cpp==9.3.3 ros-kilted-sensor
   ros-kilted-geometry-msgs==5.5.1 ros-kilted-std-msgs==5.5.1 ros-ament-cmake==2.7.3 ros-ament-package==0.17.2 \
   ros-ament-cmake-include-directories==2.7.3 ros-ament-cmake-ros-core==0.14.5 catkin-pkg==1.1.1
 
-# crtk_msgs. The wheels name folders of the machine that built them.
+# crtk_msgs and cisst_msgs. The wheels name folders of the machine that built them.
 site=$(.ros2/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")
 include=$(.ros2/bin/python -c "import sysconfig; print(sysconfig.get_path('include'))")
 sed -i "s#/opt/python/[^;\"]*/site-packages#$site#; s#/opt/python/[^;\"]*/include/python3.12#$include#" \
   .ros2/share/*/cmake/*_pyExport.cmake
 build=$(mktemp -d)
 trap 'rm -rf "$build"' EXIT
-.ros2/bin/python tools/crtk_msgs.py "$build/crtk_msgs"
+.ros2/bin/python tools/crtk_msgs.py "$build"
 (
   export PATH="$PWD/.ros2/bin:$PATH" AMENT_PREFIX_PATH="$PWD/.ros2"
-  cmake -S "$build/crtk_msgs" -B "$build/out" -DCMAKE_PREFIX_PATH="$PWD/.ros2" -DCMAKE_INSTALL_PREFIX="$PWD/.ros2" \
-    -DPython3_EXECUTABLE="$PWD/.ros2/bin/python"
-  cmake --build "$build/out" -j "$(nproc)"
-  cmake --install "$build/out"
-) >"$build/log" 2>&1 || { tail -30 "$build/log" >&2; fail "crtk_msgs could not be built"; }
-.ros2/bin/python -c "import crtk_msgs.msg, rclpy, sensor_msgs.msg; print('rclpy is ready in .ros2')"
+  for package in crtk_msgs cisst_msgs; do
+    cmake -S "$build/$package" -B "$build/out/$package" -DCMAKE_PREFIX_PATH="$PWD/.ros2" \
+      -DCMAKE_INSTALL_PREFIX="$PWD/.ros2" -DPython3_EXECUTABLE="$PWD/.ros2/bin/python" &&
+      cmake --build "$build/out/$package" -j "$(nproc)" && cmake --install "$build/out/$package" || exit 1
+  done
+) >"$build/log" 2>&1 || { tail -30 "$build/log" >&2; fail "the messages could not be built"; }
+.ros2/bin/python -c "import cisst_msgs.msg, crtk_msgs.msg, rclpy, sensor_msgs.msg; print('rclpy is ready in .ros2')"
 [ "$clients" ] || exit 0
 
 packages="liborocos-kdl-dev dpkg-dev"

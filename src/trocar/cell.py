@@ -217,6 +217,10 @@ class Log(Protocol):
         """Note something that happened now; values must be JSON values."""
         ...
 
+    def sample(self, name: str, row: NDArray[np.float64]) -> None:
+        """Add a row of numbers to a series, which is kept with the trial's arrays under this name."""
+        ...
+
     def compute(self, name: str, seconds: float, budget_s: float) -> None:
         """Note the real time that a computation took beside what the script declared for it."""
         ...

@@ -10,6 +10,7 @@ from functools import cache
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 Result = TypeVar("Result")
 
@@ -60,6 +61,7 @@ class CellLog:
         spans: in the order in which they ended.
         events: dicts with ``name``, ``time_s`` and what was noted.
         computations: in order.
+        samples: rows of numbers of each series.
         listener: called with each event, for a progress bar.
     """
 
@@ -67,6 +69,7 @@ class CellLog:
     spans: list[Span] = field(default_factory=list)
     events: list[dict[str, object]] = field(default_factory=list)
     computations: list[Computation] = field(default_factory=list)
+    samples: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
     listener: Callable[[Mapping[str, object]], None] | None = None
 
     @contextmanager
@@ -83,6 +86,15 @@ class CellLog:
         self.events.append({"name": name, "time_s": round(self.clock(), 6), **values})
         if self.listener is not None:
             self.listener(self.events[-1])
+
+    def sample(self, name: str, row: NDArray[np.float64]) -> None:
+        """Add a row of numbers to a series."""
+        self.samples.setdefault(name, []).append(np.array(row, dtype=np.float64))
+
+    @property
+    def series(self) -> dict[str, NDArray[np.float32]]:
+        """Return each series as an array, a row a sample."""
+        return {name: np.array(rows, dtype=np.float32) for name, rows in self.samples.items()}
 
     def compute(self, name: str, seconds: float, budget_s: float) -> None:
         """Note the real time of a computation."""

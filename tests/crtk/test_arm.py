@@ -15,7 +15,8 @@ import pytest
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from crtk_partners import ROOT, process, served
-from trocar.crtk.arm import CrtkArm
+from memory_bus import MemoryBus
+from trocar.crtk.arm import HEARD_S, CrtkArm
 from trocar.crtk.bus import open_bus, stamped
 from trocar.crtk.messages import Empty, JointState, PoseStamped, StringStamped
 from trocar.errors import InvalidInput
@@ -193,6 +194,29 @@ def test_an_arm_that_somebody_else_commands_says_on_which_topic(topic, message, 
 def cell():
     with served("--domain", str(DOMAIN), "--images-hz", "0") as running:
         yield running
+
+
+@pytest.mark.parametrize(("joints", "jaw"), [(0.02, 0.0), (0.0, 0.1)])
+def test_a_controller_that_does_not_hold_what_was_sent_is_named_although_the_readings_are_near(joints, jaw, cell):
+    arm = enabled()
+    q, jaw_rad = arm.commanded()
+    arm._out = arm._jaw_out = MemoryBus().publisher("/lost/servo_jp", JointState)  # a network that loses what is sent
+    goal, fresh_s = q + [joints, 0, 0, 0, 0, 0], time.monotonic()
+    found = fault_of(arm, lambda: arm.send(goal, np.zeros(6), jaw_rad + jaw))
+    assert found.fault is Fault.FOLLOWING and "/PSM1/setpoint_js is off" in found.detail
+    assert time.monotonic() - fresh_s > HEARD_S
+
+
+def test_a_controller_that_holds_what_was_sent_a_little_later_is_well(cell):
+    arm = enabled()
+    q, jaw_rad = arm.commanded()
+    for _ in range(2):
+        goal, end_s = q + [0.02, 0, 0, 0, 0, 0], time.monotonic() + 2 * HEARD_S
+        while time.monotonic() < end_s:
+            arm.send(goal, np.zeros(6), jaw_rad + 0.1)
+            arm.read()
+            time.sleep(0.01)
+        q, jaw_rad = arm.commanded()
 
 
 def test_its_own_commands_are_not_somebody_elses(cell):

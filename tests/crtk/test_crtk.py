@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 
@@ -14,9 +15,12 @@ import pytest
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from trocar.arms import MotionLimits, fk, ik
+from trocar.cli.crtk import doctor
 from trocar.crtk.arm import CrtkArm, connect
 from trocar.crtk.bus import open_bus, stamped
 from trocar.crtk.convert import pose_of, transform_of
+from trocar.crtk.doctor import Verdict, examine_arm
+from trocar.crtk.listening import Listener, listen
 from trocar.crtk.messages import Empty, JointState, OperatingState, PoseStamped, StringStamped
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
@@ -38,9 +42,9 @@ PATIENT = LoopSettings(max_late=10_000, max_stall_s=60.0, watchdog_s=60.0, stale
 class Served:
     """A served cell; ``stop`` returns what it says at its end."""
 
-    def __init__(self):
+    def __init__(self, *more):
         words = [sys.executable, "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--json"]
-        words += ["--domain", str(DOMAIN)]
+        words += ["--domain", str(DOMAIN), *more]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
         self.process = subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
 
@@ -109,6 +113,44 @@ def test_an_arm_over_the_network_keeps_the_promises_of_a_robot(served, client):
         assert max(laboratory.robot.limit_use("psm1")) <= 1.001
     said = served.stop()
     assert said["received"]["psm1"] > 100 and max(said["limit_use"]["psm1"]) <= 1.001
+
+
+def ended_with(verdict, checks):
+    return {(check["of"], check["name"]) for check in checks if check["verdict"] == verdict}
+
+
+def test_the_doctor_finds_an_arm_that_jitters_and_one_that_is_late(bus):
+    cell, judged = Served("--fault", "psm1:jittery", "--fault", "psm2:late"), set()
+    wanted, deadline_s = {("psm1", "jitter"), ("psm2", "latency")}, time.monotonic() + 120.0
+    try:
+        while not judged >= wanted and time.monotonic() < deadline_s:
+            checks = doctor("peg-transfer", domain=DOMAIN).summary["checks"]
+            judged = ended_with("pass", checks) | ended_with("fail", checks)
+    finally:
+        cell.stop()
+    assert wanted <= ended_with("fail", checks)
+
+
+def test_a_doctor_who_is_held_up_does_not_blame_a_healthy_robot(served, client, bus):
+    listener, found = Listener(bus, STATION, TOPICS, list(STATION.arms)), []
+
+    def give_way_and_listen():
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+        found.append(listen(listener, 5.0))
+
+    burning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3 * (os.cpu_count() or 1))]
+    try:
+        thread = threading.Thread(target=give_way_and_listen)
+        thread.start()
+        thread.join()
+    finally:
+        for one in burning:
+            one.kill()
+            one.wait()
+    checks = [check for arm in STATION.arms for check in examine_arm(found[0], STATION, TOPICS, arm)]
+    times = [check for check in checks if check.name in ("gaps", "latency", "jitter")]
+    assert [check.verdict for check in times] == 6 * [Verdict.NONE] and all("busy" in check.found for check in times)
+    assert ("clock", Verdict.FAIL) not in [(check.name, check.verdict) for check in checks]
 
 
 def test_streamed_set_points_are_reached_and_counted(served, client):

@@ -63,8 +63,11 @@ def tape():
     return heard
 
 
-def judged(tape, *faults):
-    """Return the names of the checks that fail, by arm, where a robot with these faults is heard."""
+def judged(tape, *faults, verdict=Verdict.FAIL, busy_s=0.0):
+    """Return the names of the checks that fail, by arm, where a robot with these faults is heard.
+
+    Once a second, the listener is busy with something for ``busy_s``, an image perhaps.
+    """
     robot, clock = MemoryBus(), [tape[0][0]]
     faulty = FaultyBus(robot, [fault_of(text, ARMS) for text in faults], STATION, TOPICS, lambda: clock[0])
     publishers = {}
@@ -75,18 +78,35 @@ def judged(tape, *faults):
             robot.subscriber(topic, kind)
     listener, last_s = Listener(MemoryBus(robot.wire, "/doctor"), STATION, TOPICS, ARMS), tape[0][0]
     for at_s, topic, message in tape:
-        if at_s != last_s:
+        if at_s != last_s and (last_s - tape[0][0]) % 1.0 >= busy_s:
             listener.take(last_s + 0.0005)
+            listener.take(at_s - 0.0005)
         clock[0] = last_s = at_s
         publishers[topic].send(message)
     listener.take(last_s + 0.0005)
     heard = listener.heard()
     checks = {arm: examine_arm(heard, STATION, TOPICS, arm) for arm in ARMS}
-    return {arm: [check.name for check in found if check.verdict is Verdict.FAIL] for arm, found in checks.items()}
+    return {arm: [check.name for check in found if check.verdict is verdict] for arm, found in checks.items()}
 
 
 def test_nothing_is_wrong_with_a_healthy_robot(tape):
     assert judged(tape) == {"psm1": [], "psm2": []}
+
+
+TIMES = {"gaps", "clock", "latency", "jitter"}
+
+
+def test_what_a_busy_listener_finds_late_is_not_held_against_the_robot(tape):
+    assert judged(tape, busy_s=0.15) == {"psm1": [], "psm2": []}
+    passed = judged(tape, busy_s=0.15, verdict=Verdict.PASS)
+    assert set(passed["psm1"]) >= TIMES and set(passed["psm2"]) >= TIMES
+    late = judged(tape, "psm1:late", busy_s=0.15)
+    assert "latency" in late["psm1"] and late["psm2"] == []
+
+
+def test_a_listener_that_finds_most_messages_late_does_not_judge_when_they_came(tape):
+    blind = judged(tape, busy_s=0.8, verdict=Verdict.NONE)
+    assert set(blind["psm1"]) >= TIMES and set(blind["psm2"]) >= TIMES
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -16,6 +17,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from trocar.crtk.bus import open_bus
+from trocar.crtk.messages import JointState
 from trocar.crtk.ros2_graph import Gid, NodeEntities, ParticipantEntities
 from trocar.lab.topics import Topics
 
@@ -65,3 +67,22 @@ def test_a_publisher_that_has_ended_is_not_there():
         until(there)
         process.stdin.close()
     until(lambda: not there())
+
+
+def test_readers_can_be_counted_while_others_come_and_go():
+    bus, over = open_bus(Topics(domain=DOMAIN)), threading.Event()
+    out, counts = bus.publisher("/counted/measured_js", JointState), set()
+
+    def come_and_go():
+        while not over.is_set():
+            assert [bus.subscriber("/counted/measured_js", JointState) for _ in range(5)]
+
+    thread, end_s = threading.Thread(target=come_and_go), time.monotonic() + 1.0
+    thread.start()
+    try:
+        while time.monotonic() < end_s:
+            counts.add(out.readers())
+    finally:
+        over.set()
+        thread.join()
+    assert len(counts) > 2

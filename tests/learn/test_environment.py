@@ -8,6 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import trocar.learn.envs
+from trocar.arms import fk
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval import TASKS
 from trocar.learn.control import ACTIONS
@@ -195,4 +196,41 @@ def test_a_picture_for_people():
     for _ in range(10):
         env.step(env.action_space.sample())
     assert (env.render() != first).any()
+    env.close()
+
+
+def test_the_dense_reward_adds_up_to_the_way_that_was_gained():
+    load_plugin("examples/three_dots.py")
+    env = CellEnv("dots", action="cartesian", reward="dense", budget_s=3.0)
+    env.reset(seed=1)
+    arm, world = env.config.arms[0], env._laboratory.world
+    places, total = env._laboratory.task.places_m, 0.0
+
+    def away_m():
+        tip = world.T_world_base[arm] @ fk(world.models[arm], world.joints(arm))
+        return np.linalg.norm(tip.translation_m - places[0])
+
+    start_m, steps = away_m(), []
+    for _ in range(30):
+        tip = world.T_world_base[arm] @ fk(world.models[arm], world.joints(arm))
+        way = places[0] + [0, 0, 0.02] - tip.translation_m
+        action = np.hstack([0.9 * way / np.linalg.norm(way) * env.action_space.high[0], 0, 0, 0, 0.1])
+        steps.append(env.step(action.clip(env.action_space.low, env.action_space.high))[1])
+        total += steps[-1]
+    assert total == pytest.approx(10 * (start_m - away_m()), abs=1e-6) and total > 0.5
+    assert sum(step > 0 for step in steps) > 20, "it comes step by step"
+    env.close()
+    with pytest.raises(InvalidInput, match="has no dense reward"):
+        CellEnv("suture", reward="dense")
+
+
+@pytest.mark.parametrize("task", ["peg-transfer", "debridement"])
+def test_what_is_left_leads_to_an_object_and_from_there_to_its_place(task):
+    env = CellEnv(task, reward="dense", budget_s=2.0)
+    env.reset(seed=4)
+    bodies = dict(zip(env._laboratory.world.free_bodies, env._laboratory.world.free_poses()[:, :3], strict=True))
+    here, there = env._laboratory.task.errand(env.config.task.goals()[0])
+    assert min(np.linalg.norm(here - place) for place in bodies.values()) < 1e-9
+    assert 0.02 < np.linalg.norm(there - here) < 0.2
+    assert env._left_m > np.linalg.norm(there - here)
     env.close()

@@ -146,6 +146,8 @@ def test_a_policy_is_an_agent_whose_trials_are_kept(file, tmp_path, name, ended,
     (trial,) = trials
     assert trial.ended == ended and said in trial.reason
     assert len(trial.scores) == 1 and not trial.scores[0]["succeeded"]
+    asked = sum(one.name == "policy" for one in trial.computations)
+    assert asked == {"still": 30, "raises": 0}.get(name, 1), "thirty times a second"
 
 
 @pytest.mark.parametrize(

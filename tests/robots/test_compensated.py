@@ -1,6 +1,7 @@
 """Compensation, on arms that consist only of cables."""
 
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from trocar.calibration.recording import Recording
 from trocar.cell import MotionEnd
 from trocar.errors import ArmMoving, TrocarError
 from trocar.motion import move_to, rest_to_rest
+from trocar.motion.following import step_towards
 from trocar.robots import ArmGuard, Compensated, Guarded
 from trocar.robots.compensated import _Prepared, _require_inside, _Start
 
@@ -467,3 +469,42 @@ def test_a_second_motion_of_one_arm_is_refused_while_the_first_is_computed_and_w
         return ends[0]["a"].done
 
     assert arms.run(script)
+
+
+def streamed(arms, follow, goals, period_s=0.03):
+    """Let the joints follow goals (n, 6), one a period; return how far the wrist was from where each led, rad."""
+    off = []
+
+    async def script():
+        before, name = goals[0], "a"
+        async with trio.open_nursery() as nursery:
+            for goal in goals:
+                now = arms.robot.setpoint(name)
+                velocity = np.clip(now.velocity, -PAPER.velocity, PAPER.velocity)
+                motion = step_towards(goal, (goal - before) / period_s, now.q, velocity, PAPER, period_s)
+                nursery.start_soon(follow, {name: motion})
+                await trio.sleep(period_s)
+                off.append((arms.joints[name][-1] - motion(period_s))[3:])
+                before = goal
+        await arms.robot.rest()
+
+    arms.run(script)
+    return np.array(off)
+
+
+def test_a_stream_is_followed_within_the_limits(models):
+    """At 30 goals a second, each motion of which is too short to cross a slack."""
+    parts = [rest_to_rest(a, b, PAPER) for a, b in pairwise([GOALS[0], *GOALS[1:4]])]
+    path = np.concatenate(
+        [part(np.arange(0.0, part.duration_s + 0.5, 0.03).clip(max=part.duration_s)) for part in parts]
+    )
+    arms = calibrated(models["play"])
+    after_each_move(arms, GOALS[:1])
+    off = streamed(arms, lambda motions: arms.robot.follow(motions, 0.03), path)
+    velocity, acceleration = arms.use("a")
+    assert velocity <= EXACT and acceleration <= EXACT
+    raw = CableArms()
+    after_each_move(raw, GOALS[:1])
+    uncorrected = streamed(raw, raw.robot.replace, path)
+    assert np.sqrt(np.mean(off**2)) < 0.35 * np.sqrt(np.mean(uncorrected**2))
+    assert np.abs(arms.joints["a"][-1] - path[-1])[3:].max() < 5e-3, "at rest it is where it was sent"

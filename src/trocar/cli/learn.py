@@ -137,7 +137,7 @@ def demonstrations(
     if layout not in LAYOUTS:
         raise UnknownName("--layout", layout, LAYOUTS)
     plugins = tuple(str(path.absolute()) for path in plugin or ())
-    config = RunConfig(task(**options), **run, sessions=episodes, plugins=plugins)
+    config = RunConfig(task(**options), **run, sessions=episodes, plugins=plugins, observations=True)
     usual = default_folder(f"demonstrations-{task.name}-{config.method}-{config.seed}", config.unusual)
     folder = (out or usual).absolute()
     condition = Condition("demonstrations", config, folder / "trials")

@@ -33,6 +33,9 @@ SILENT_S = 0.05
 """After so long without a reading it is looked at whether anybody publishes."""
 ALONE_S = 0.03
 """Where nobody has for this long, the connection is lost."""
+HEARD_S = 0.5
+HEARD, HEARD_JAW_RAD = np.array([5e-3, 5e-3, 5e-4, 5e-3, 5e-3, 5e-3]), 5e-3
+"""So long after the last new set-point a controller that hears it holds it, but for this much (rad and m)."""
 REMEMBERED = 500
 """Stamps of what was sent, by which it is told from what others send."""
 RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3])
@@ -77,7 +80,7 @@ class CrtkArm:
         self._sent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         self._last, self._jaw_last = np.full(6, np.nan), np.nan  # where the arm has been sent
         self._fault: ArmFault | None = None
-        self._alone_s = time.monotonic()
+        self._alone_s = self._new_s = time.monotonic()
         self._wait_for(topics, jaw, command)
         self._require_enabled()
 
@@ -163,6 +166,24 @@ class CrtkArm:
             self._alone_s = now_s
         if now_s - self._alone_s > ALONE_S:
             return ArmFault(self._name, Fault.LOST, f"{self._topic}/measured_js, for {age_s:.2f} s")
+        return self._unheard()
+
+    def _unheard(self) -> ArmFault | None:
+        """Return that the arm's controller does not hold what it was sent: what is sent is lost on its way.
+
+        Near the end of a motion its readings alone may not show it: they may be off by as much while it moves.
+        """
+        setpoint, jaw = self._setpoint, self._jaw_setpoint
+        if self._dialect is Dialect.RAVEN or min(setpoint.at_s, jaw.at_s) < self._new_s + HEARD_S:
+            return None
+        assert setpoint.last is not None and jaw.last is not None
+        off = np.abs(joints_in(self._dialect, setpoint.last) - self._last)
+        off_rad = abs(jaw_in(jaw.last) - self._jaw_last)
+        if (off > HEARD).any() or off_rad > HEARD_JAW_RAD:
+            held = (
+                f"{self._topic}/setpoint_js is off what was sent by up to {off.max():.4f}, the jaws' by {off_rad:.4f}"
+            )
+            return ArmFault(self._name, Fault.FOLLOWING, f"{held}, {HEARD_S:g} s later")
         return None
 
     def send(self, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: float) -> None:
@@ -170,6 +191,8 @@ class CrtkArm:
         del velocity
         if self._fault is not None:
             return
+        if (q != self._last).any() or jaw_rad != self._jaw_last:
+            self._new_s = time.monotonic()
         if self._dialect is Dialect.RAVEN:
             self._increment(q, jaw_rad)
             return

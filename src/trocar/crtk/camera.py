@@ -124,7 +124,8 @@ class CrtkCamera:
             remedy = "check that it runs, and that it exposes an image on its topic 'trigger', or runs freely"
             raise NoImage(self._name, ImageFault.SILENT, where, remedy)
         if max(stamps_s) < asked_s:
-            raise NoImage(self._name, ImageFault.OLD, where, "let both machines' clocks agree (NTP)")
+            remedy = "look whether it hears its topic 'trigger', and let both machines' clocks agree (NTP)"
+            raise NoImage(self._name, ImageFault.OLD, where, remedy)
         raise NoImage(self._name, ImageFault.HALF, where, "both topics of an image need the same stamp")
 
     def _image(self, first: Image, second: Image) -> Taken:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from trocar.crtk.bus import Bus, Endpoint, Subscriber
@@ -15,6 +17,8 @@ from trocar.lab.topics import Dialect, Topics
 from trocar.perception.image import StereoRig
 
 POLL_S = 0.001
+BLIND_S = 0.015
+"""What is found after so long without a look may have come long before."""
 KEPT_IMAGES = 3
 Message = tuple[float, Any]
 """When it came on the machine's clock, s since 1970, and the message."""
@@ -81,12 +85,15 @@ class Heard:
     Attributes:
         messages: of each topic, in the order in which they came.
         endpoints: publishers and subscribers that were there.
-        pause_s: longest time for which the listener itself was held up.
+        pause_s: longest time for which others held the listener up, its own work not counted.
+        blind_s: for how long it had not looked, by when it then did, where that was long: what it found then came
+            within that time.
     """
 
     messages: Mapping[str, Sequence[Message]]
     endpoints: Sequence[Endpoint]
     pause_s: float = 0.0
+    blind_s: Mapping[float, float] = field(default_factory=dict)
 
 
 class Listener:
@@ -108,24 +115,37 @@ class Listener:
             topic: bus.subscriber(topic, one.kind, latched=one.latched, kept=one.kept) for topic, one in wanted.items()
         }
         self._messages: dict[str, list[Message]] = {topic: [] for topic in wanted}
-        self._last_s, self._pause_s = float("nan"), 0.0
+        self._last_s, self._pause_s, self._blind_s = -math.inf, 0.0, dict[float, float]()
 
-    def take(self, now_s: float) -> None:
-        """Take what has come; ``now_s`` is the machine's clock, s since 1970."""
-        self._pause_s = max(self._pause_s, now_s - self._last_s) if self._last_s == self._last_s else 0.0
+    def take(self, now_s: float, pause_s: float = 0.0) -> None:
+        """Take what has come.
+
+        Args:
+            now_s: the machine's clock, s since 1970.
+            pause_s: for how long others have held the listener up since the last time.
+        """
+        self._pause_s = max(self._pause_s, pause_s)
+        if now_s - self._last_s > BLIND_S:
+            self._blind_s[now_s] = now_s - self._last_s
         self._last_s = now_s
         for topic, source in self._sources.items():
             self._messages[topic] += [(now_s, message) for message in source.take()]
 
     def heard(self) -> Heard:
         """Return what has been heard so far."""
-        return Heard(self._messages, self._bus.endpoints(), self._pause_s)
+        return Heard(self._messages, self._bus.endpoints(), self._pause_s, self._blind_s)
 
 
 def listen(listener: Listener, seconds: float) -> Heard:
     """Listen for a time."""
-    end_s = time.monotonic() + seconds
-    while time.monotonic() < end_s:
-        listener.take(time.time())
-        time.sleep(POLL_S)
+    end_s, pause_s = time.monotonic() + seconds, 0.0
+    gc.disable()  # to look through what has been heard takes a tenth of a second each time
+    try:
+        while (began_s := time.monotonic()) < end_s:
+            worked_s = time.process_time()
+            listener.take(time.time(), pause_s)
+            time.sleep(POLL_S)
+            pause_s = time.monotonic() - began_s - (time.process_time() - worked_s) - POLL_S
+    finally:
+        gc.enable()
     return listener.heard()

@@ -1,4 +1,4 @@
-"""The messages of CRTK's topics as DDS types, named as ROS 2 names them (crtk_msgs 1.3, sensor_msgs, geometry_msgs)."""
+"""The messages of CRTK's topics as DDS types, named as ROS 2 names them (of crtk_msgs 1.3, cisst_msgs 4.0, ...)."""
 
 # cyclonedds reads the annotations of these classes, so they are not strings here.
 from dataclasses import dataclass, field
@@ -10,13 +10,14 @@ from cyclonedds.idl._machinery import BytesMachine
 if TYPE_CHECKING:
     float64: TypeAlias = float
     int32: TypeAlias = int
+    int64: TypeAlias = int
     uint32: TypeAlias = int
     uint8: TypeAlias = int
     sequence = list
     nine = twelve = list[float]
     octets: TypeAlias = bytes
 else:
-    from cyclonedds.idl.types import array, float64, int32, sequence, uint8, uint32
+    from cyclonedds.idl.types import array, float64, int32, int64, sequence, uint8, uint32
 
     nine, twelve, octets = array[float64, 9], array[float64, 12], sequence[uint8]
 
@@ -179,6 +180,25 @@ class OperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.OperatingState_"):
     state: str = ""
     is_homed: bool = False
     is_busy: bool = False
+
+
+@dataclass
+class IntervalStatistics(IdlStruct, typename="cisst_msgs.msg.dds_.IntervalStatistics_"):
+    """Periods, and the time worked in each, s; an overrun works longer than the mean period before."""
+
+    header: Header = field(default_factory=Header)
+    period_avg: float64 = 0.0
+    period_std_dev: float64 = 0.0
+    period_min: float64 = 0.0
+    period_max: float64 = 0.0
+    compute_time_avg: float64 = 0.0
+    compute_time_std_dev: float64 = 0.0
+    compute_time_min: float64 = 0.0
+    compute_time_max: float64 = 0.0
+    number_of_samples: int64 = 0
+    number_of_overruns: int64 = 0
+    statistics_interval: float64 = 0.0
+    user_data: int64 = 0
 
 
 @dataclass

@@ -25,13 +25,18 @@ except ImportError:
     problem = "needs rospy in this Python, and PyPI has none"
     raise InvalidInput("CRTK over ROS 1", problem, "install a ROS 1, on Debian python3-rospy") from None
 
+PERIODS = "".join(
+    f"float64 {what}_{of}\n" for what in ("period", "compute_time") for of in ("avg", "std_dev", "min", "max")
+)
+COUNTS = "int64 number_of_samples\nint64 number_of_overruns\nfloat64 statistics_interval\nint64 user_data\n"
 HEADER = f"{'=' * 80}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 DEFINITIONS = {
     "StringStamped": f"std_msgs/Header header\nstring string\n{HEADER}",
     "OperatingState": f"std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n{HEADER}",
     "operating_state": f"std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n{HEADER}",
+    "IntervalStatistics": f"std_msgs/Header header\n{PERIODS}{COUNTS}{HEADER}",
 }
-"""Messages of crtk_msgs 1.3, which is not packaged; their checksums follow from these texts."""
+"""Messages of crtk_msgs 1.3 and cisst_msgs 4.0, which are not packaged; their checksums follow from these texts."""
 BUFFER = 1 << 24
 """Bytes that rospy reads at once: an image in one piece."""
 Message = TypeVar("Message")

@@ -99,7 +99,7 @@ class _Writer(Publisher[Message]):
         self._writer.write(message)
 
     def readers(self) -> int:
-        return len(self._writer.get_matched_subscriptions())
+        return self._writer.get_publication_matched_status().current_count  # a list would change while it is made
 
 
 class _Reader(Subscriber[Message]):
@@ -108,7 +108,7 @@ class _Reader(Subscriber[Message]):
         self._reader, self._kept = reader, kept
 
     def senders(self) -> int:
-        return len(self._reader.get_matched_publications())
+        return self._reader.get_subscription_matched_status().current_count
 
     def _come(self) -> list[tuple[float, Hashable, Message]]:
         now_s = time.monotonic()

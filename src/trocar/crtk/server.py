@@ -14,6 +14,7 @@ from trocar.cell import Cell
 from trocar.crtk.access import AccessBus, usual
 from trocar.crtk.bus import Bus, open_bus
 from trocar.crtk.faults import Fault, FaultyBus
+from trocar.crtk.periods import Periods
 from trocar.crtk.served_arm import ServedArm
 from trocar.lab.topics import Topics
 from trocar.robots import TICK_S
@@ -71,6 +72,7 @@ class CrtkServer:
             name: ServedArm(name, model, laboratory, bus, topics.of_arm(name), session.T_world_base_registered[name])
             for name, model in laboratory.cell.arms.items()
         }
+        self._periods = Periods(bus, [topics.of_arm(name) for name in self.arms])
 
     async def serve(self, cell: Cell) -> None:
         """Serve for ever."""
@@ -83,7 +85,8 @@ class CrtkServer:
                 caught_up = -AHEAD_S <= off_s <= MAX_LATE_S  # or will be: ticks hurry after a short stop
                 slip_s = STEADY * off_s if caught_up else off_s
                 self._now_s += max(slip_s, (SLOWEST - 1) * TICK_S / self._speed)
-                for arm in self.arms.values():
-                    arm.hear(nursery, self._now_s)
-                    arm.tell(self._now_s)
+                with self._periods.tick():
+                    for arm in self.arms.values():
+                        arm.hear(nursery, self._now_s)
+                        arm.tell(self._now_s)
                 await cell.clock.sleep(TICK_S)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from trocar.crtk.convert import seconds
 from trocar.crtk.heard_arm import ArmHeard, Finding
-from trocar.crtk.listening import heard_by, moving
+from trocar.crtk.listening import Message, heard_by, moving
 from trocar.crtk.messages import ros_name
 
 RATE_HZ = 50.0
@@ -15,8 +17,9 @@ GAP_S, JITTER_S, LATENCY_S = 0.1, 0.02, 0.05
 CLOCK_S, AHEAD_S = 1.0, 0.01
 """What comes so long after its stamp has a wrong stamp, since nothing else takes so long on a robot's network; and what
 comes before its stamp has, too."""
-PAUSE_S = 0.03
-"""A listener that is held up for longer cannot tell how late a message came."""
+PAUSE_S, SEEN_SHARE = 0.03, 0.5
+"""A listener that others hold up for longer cannot tell how late a message came; nor can one that finds fewer of a
+topic's messages at once."""
 
 
 def topics(about: ArmHeard) -> Finding:
@@ -126,15 +129,15 @@ def gaps(about: ArmHeard) -> Finding:
     """Judge the longest time without a message."""
     if (busy := _busy(about)) or (busy := about.after("rate")):
         return busy
-    longest = {topic: max(np.diff([at_s for at_s, _ in messages])) for topic, messages in about.streams.items()}
+    longest = {topic: _longest_gap_s(messages, about.blind_s) for topic, messages in about.streams.items()}
     worst = max(longest, key=lambda topic: longest[topic])
     found = f"{1e3 * longest[worst]:.0f} ms of {worst}"
-    return Finding(bool(longest[worst] <= GAP_S), found, "use a cable instead of wireless, and relieve the robot's PC")
+    return Finding(longest[worst] <= GAP_S, found, "use a cable instead of wireless, and relieve the robot's PC")
 
 
 def clock(about: ArmHeard) -> Finding:
     """Judge whether the robot's clock agrees with this machine's."""
-    if blocked := about.after("stamps"):
+    if blocked := about.after("stamps") or _unseen(about):
         return blocked
     early_s = min(float(ages.min()) for ages in about.ages.values())
     found = f"messages come {abs(early_s):.3f} s {'after' if early_s >= 0 else 'before'} their stamps"
@@ -166,15 +169,28 @@ def jitter(about: ArmHeard) -> Finding:
     return Finding(spread_s[worst] <= JITTER_S, found, "use a cable instead of wireless, and relieve the robot's PC")
 
 
-def _busy(about: ArmHeard) -> Finding | None:
-    """Return why times cannot be judged."""
+def _longest_gap_s(messages: Sequence[Message], blind_s: Mapping[float, float]) -> float:
+    """Return the longest time in which certainly no message came."""
+    at_s = np.array([at_s for at_s, _ in messages])
+    since_s = at_s - [blind_s.get(one, 0.0) for one in at_s.tolist()]
+    return float((since_s[1:] - at_s[:-1]).max())
+
+
+def _unseen(about: ArmHeard) -> Finding | None:
+    """Return why it cannot be told when messages came."""
     if not about.streams:
         return Finding(None, "nothing came")
-    if about.heard.pause_s > PAUSE_S:
-        return Finding(
-            None, f"this machine is busy: the doctor itself was held up for {1e3 * about.heard.pause_s:.0f} ms"
-        )
+    if any(len(about.ages[topic]) < SEEN_SHARE * len(messages) for topic, messages in about.streams.items()):
+        return Finding(None, "this machine is too slow: the doctor itself found most messages late")
     return None
+
+
+def _busy(about: ArmHeard) -> Finding | None:
+    """Return why times cannot be judged."""
+    if about.heard.pause_s > PAUSE_S:
+        held_up = f"the doctor itself was held up for {1e3 * about.heard.pause_s:.0f} ms"
+        return Finding(None, f"this machine is busy: {held_up}")
+    return _unseen(about)
 
 
 def _kind(kind: type) -> str:

@@ -36,7 +36,7 @@ OF_SIMULATION = ("station", "model", "calibration", "sessions", "new_session", "
 OF_SIMULATION += ("difficulty", "flaws", "command_noise")
 """Options of simulated sessions, which a robot has not."""
 
-FOLLOWS = ("options", "variant", "goal_noun", "station_digest", "arms", "flaws", "versions", "robot")
+FOLLOWS = ("options", "variant", "goal_noun", "station_digest", "arms", "flaws", "versions", "robot", "observations")
 """Properties of a run that follow from its other options."""
 
 MAX_NOISE_MM = 20.0
@@ -111,6 +111,7 @@ class RunConfig:
         (), "Cable model of a real arm, for methods that compensate; may be repeated.", metavar="ARM=FILE.npz"
     )
     plugins: tuple[str, ...] = ()
+    observations: bool = False  # note beside it what a policy would observe: joints as estimated, objects as seen
     chosen_method: Method = field(init=False, repr=False)
     laboratory: Station = field(init=False, repr=False)
     arms: tuple[str, ...] = field(init=False, repr=False)
@@ -288,6 +289,7 @@ class RunConfig:
             "refit_offsets": self.refit_offsets,
             "flawless_camera": self.flawless_camera,
             "command_noise": self.command_noise,
+            "observations": self.observations,
             "difficulty": self.how_difficult,
             "plugins": [load_plugin(path) for path in self.plugins],
             "flaws": self._flaws(),

@@ -13,7 +13,7 @@ import numpy as np
 from trocar.arms import MotionLimits
 from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
-from trocar.eval.task import Task
+from trocar.eval.task import Objects, Task
 from trocar.motion.plan import Planner
 from trocar.registry import Lazy, Registry
 
@@ -43,6 +43,7 @@ class AgentContext:
         rng: its own stream of randomness.
         settings: of its method.
         limits: within which the guard lets each arm move.
+        objects: makes what a policy sees of the task's objects; None: it sees nothing of them.
     """
 
     cell: Cell
@@ -54,6 +55,7 @@ class AgentContext:
     rng: np.random.Generator
     settings: Any
     limits: Mapping[str, MotionLimits] = field(default_factory=dict)
+    objects: Callable[[], Objects] | None = None
 
 
 @dataclass(frozen=True)
@@ -262,6 +264,20 @@ def pick_perception(task: type[Task], name: str) -> Any:
         UnknownName: the task has none of that name.
     """
     return _pick(task.perceptions, PERCEPTIONS, name, task.name)()
+
+
+def objects_of(task: Task, cell: Cell) -> Callable[[], Objects] | None:
+    """Return what makes, with a new perception, what policies see of a task's objects; None: they see nothing."""
+    kind = type(task)
+    if kind.objects is None:
+        return None
+    perception = next(iter(kind.perceptions), None)
+
+    def make() -> Objects:
+        see = None if perception is None else pick_perception(kind, perception)
+        return _loaded(kind.objects)(cell, task.goals(), task.nominal(), see)
+
+    return make
 
 
 def _names(own: Mapping[str, Any], registry: Registry[Any], task: str) -> tuple[str, ...]:

@@ -13,15 +13,13 @@ from trocar.calibration.fleet import FleetPrior, expected, load_prior
 from trocar.calibration.models import CableModel, load_model
 from trocar.cell import Cell
 from trocar.eval.config import TRIALS, RunConfig
-from trocar.eval.method import AgentContext, pick_perception
-from trocar.eval.run import compensated, play_agent
+from trocar.eval.run import compensated, context_of, play_agent
 from trocar.eval.scenery import Scenery
 from trocar.eval.staged import DONE, End, Photographer, encoded, plain
 from trocar.eval.trial import Trial
 from trocar.hardware.kinds import robot_of
 from trocar.hardware.laboratory import HardwareLaboratory, registered
 from trocar.log import machine_speed
-from trocar.motion import PLANNERS
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import Listener
 from trocar.sim.pace import Script
@@ -56,20 +54,11 @@ def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None
         settings = method.make_settings(config.settings)
         if method.wrap_robot is not None:
             laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
-        context = AgentContext(
-            cell=laboratory.cell,
-            goals=config.task.goals(),
-            nominal=config.task.nominal(),
-            arms=config.arms,
-            planner=PLANNERS[config.planner],
-            perception=pick_perception(type(config.task), config.perception) if config.perception else None,
-            rng=np.random.default_rng(config.seeds(SESSION, TRIALS, index)),
-            settings=settings,
-            limits={name: arm.limits for name, arm in config.laboratory.arms.items()},
-        )
+        rng = np.random.default_rng(config.seeds(SESSION, TRIALS, index))
+        context = context_of(config, laboratory.cell, rng, settings)
         run = partial(_run_until_refused, laboratory)
         try:
-            end = play_agent(run, method, context, config.task.budget_s, raise_errors=False)
+            end = play_agent(run, config, context, raise_errors=False)
         except KeyboardInterrupt:
             end = End(STOPPED, "a person stopped it (Ctrl-C)")
         if end.outcome != DONE:
@@ -146,7 +135,7 @@ def _trial(
         reason=end.reason,
         duration_s=round(duration_s, 6),
         command_limit_use={arm: robot.limit_use(arm) for arm in station.arms},
-        arrays={name: rows.astype(np.float32) for name, rows in arrays.items()},
+        arrays={name: rows.astype(np.float32) for name, rows in arrays.items()} | log.series,
         scenery=Scenery(
             solids=(),
             T_world_body={},

@@ -34,7 +34,7 @@ too few spheres."""
 
 
 NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "set", "new_session", "refit_offsets"}
-NO_MATTER |= {"command_noise"}
+NO_MATTER |= {"command_noise", "observations"}
 """Keys of a run's configuration that do not affect its fitted cable models."""
 
 CACHE = "TROCAR_CACHE"

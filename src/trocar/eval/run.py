@@ -6,21 +6,28 @@ import time
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from trocar.calibration.fleet import FleetPrior
 from trocar.calibration.models import CableModel
 from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.eval.config import RunConfig
-from trocar.eval.method import AgentContext, Method, pick_perception
+from trocar.eval.method import AgentContext, objects_of, pick_perception
 from trocar.eval.prepare import Prepared
 from trocar.eval.staged import AGENT_ERROR, FAULT, OUT_OF_TIME, End, StagedTrial
 from trocar.eval.trial import Trial
 from trocar.motion import PLANNERS
+from trocar.registry import Lazy
 from trocar.robots import Adaptive, Compensated
 from trocar.sim.laboratory import Listener
 from trocar.sim.pace import Script
 from trocar.sim.world import PhysicsError
+
+OBSERVED = Lazy("trocar.learn.observed:Observed")
+"""An agent beside which what a policy would observe is noted."""
 
 
 def run_trial(
@@ -40,7 +47,7 @@ def run_trial(
         InvalidInput: the task does not score each of its goals.
     """
     began = time.perf_counter()
-    task, method = config.task, config.chosen_method
+    method = config.chosen_method
     staged = StagedTrial(config, prepared, index, listener)
     laboratory = staged.laboratory
     if prepared.models:
@@ -48,23 +55,30 @@ def run_trial(
     settings = method.make_settings(config.settings)
     if method.wrap_robot is not None:
         laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
-    context = AgentContext(
-        cell=laboratory.cell,
+    context = context_of(config, laboratory.cell, staged.agent_rng, settings)
+    try:
+        end = play_agent(laboratory.run, config, context, raise_errors)
+    except Exception as error:
+        error.add_note(f"in session {prepared.number}, trial {index} of seed {config.seed}, method {config.method!r}")
+        raise
+    return staged.finished(end, time.perf_counter() - began, settings)
+
+
+def context_of(config: RunConfig, cell: Cell, rng: np.random.Generator, settings: Any) -> AgentContext:
+    """Return what an agent is given in a cell."""
+    task = config.task
+    return AgentContext(
+        cell=cell,
         goals=task.goals(),
         nominal=task.nominal(),
         arms=config.arms,
         planner=PLANNERS[config.planner],
         perception=pick_perception(type(task), config.perception) if config.perception else None,
-        rng=staged.agent_rng,
+        rng=rng,
         settings=settings,
         limits={name: arm.limits for name, arm in config.laboratory.arms.items()},
+        objects=objects_of(task, cell),
     )
-    try:
-        end = play_agent(laboratory.run, method, context, task.budget_s, raise_errors)
-    except Exception as error:
-        error.add_note(f"in session {prepared.number}, trial {index} of seed {config.seed}, method {config.method!r}")
-        raise
-    return staged.finished(end, time.perf_counter() - began, settings)
 
 
 def compensated(
@@ -79,11 +93,13 @@ def compensated(
 
 
 def play_agent(
-    run: Callable[[Script, float], bool], method: Method, context: AgentContext, budget_s: float, raise_errors: bool
+    run: Callable[[Script, float], bool], config: RunConfig, context: AgentContext, raise_errors: bool
 ) -> End:
     """Make an agent and run it, as a laboratory's ``run`` does; return how it ended."""
+    budget_s = config.task.budget_s
     try:
-        agent = method.make_agent(context)
+        agent = config.chosen_method.make_agent(context)
+        agent = OBSERVED.load()(agent, context) if config.observations else agent
         in_time = run(lambda cell: agent.run(), budget_s)
     except PhysicsError:
         raise

@@ -132,6 +132,7 @@ class StagedTrial:
             arrays={
                 **{name: rows.astype(np.float32) for name, rows in laboratory.recorder.arrays().items()},
                 **laboratory.task.arrays(record),
+                **laboratory.log.series,
             },
             scenery=Scenery(
                 solids=self._solids,

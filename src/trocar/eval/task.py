@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.calibration.excitation import MotionBox
 from trocar.errors import InvalidInput, InvalidValue
@@ -70,6 +71,27 @@ class Score:
         return f"<Score {result}, {self.start_s:.1f} to {self.end_s:.1f} s{why}>"
 
 
+class Objects(Protocol):
+    """What perception finds of a task's objects while arms work, as numbers for a policy.
+
+    It is made for each trial from cell, goals, what is known beforehand (``Task.nominal``), and a perception.
+
+    Attributes:
+        names: of the numbers.
+    """
+
+    names: Sequence[str]
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Return the numbers as now known, each from -1 to 1: m in the world, sines, cosines, yes (1) or no (0)."""
+        ...
+
+    async def watch(self) -> None:
+        """Look again and again, for ever."""
+        ...
+
+
 class Task:
     """What is to be done, independent of how it is done. A task is a frozen dataclass whose fields are its options.
 
@@ -81,6 +103,7 @@ class Task:
         station: name of the station where it is done if none is given.
         methods: how it can be done, by name, the default first.
         perceptions: by name; whatever its agents expect of them.
+        objects: what policies see of its objects, a class of ``Objects``; None: nothing.
         report: its own pictures, tables and figures.
         study: for ``trocar study``; None: it has none.
     """
@@ -91,6 +114,7 @@ class Task:
     station: ClassVar[str]
     methods: ClassVar[Mapping[str, Method | Lazy]]
     perceptions: ClassVar[Mapping[str, Any]] = {}
+    objects: ClassVar[Callable[..., Objects] | Lazy | None] = None
     report: ClassVar[TaskReport | Lazy | None] = None
     study: ClassVar[type[TaskStudy[Any]] | Lazy | None] = None
 

@@ -62,8 +62,8 @@ class Trial:
         duration_s: on the trial's clock.
         command_limit_use: largest share of the velocity and acceleration limits in each arm's commands.
         arrays: (n, 7) ``desired_ARM``, ``commanded_ARM``, ``measured_ARM``, ``true_ARM`` (six joints and the jaw) and
-            ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, and the task's own. On
-            real arms nobody knows ``true_ARM``, bodies and collisions: they are not there.
+            ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, the task's own, and
+            series that scripts noted. On real arms nobody knows ``true_ARM``, bodies, collisions: they are not there.
         scenery: solids, arms and where they stand.
         images: as the cameras took them, and when.
         computations: real times; not in the file.

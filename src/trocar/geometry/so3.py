@@ -129,6 +129,8 @@ class SO3:
         # Each row is the quaternion times one of its own elements; normalising the row of the largest element never
         # divides by a small number.
         m = self.matrix
+        if m.ndim == 2:
+            return _quaternion(m)
         trace = np.trace(m, axis1=-2, axis2=-1)
         diagonal = np.diagonal(m, axis1=-2, axis2=-1)
         four_square = 1 + np.concatenate([trace[..., None], 2 * diagonal - trace[..., None]], -1)
@@ -223,3 +225,17 @@ def exp_coefficients(angle2: Array) -> tuple[NDArray, NDArray, NDArray]:
     b = np.where(small, 0.5 - angle2 / 24 + angle2**2 / 720, 2 * half * half / t2)
     c = np.where(small, 1 / 6 - angle2 / 120 + angle2**2 / 5040, (t - np.sin(t)) / (t2 * t))
     return a, b, c
+
+
+def _quaternion(matrix: Array) -> Array:
+    """Return the same for one rotation (3, 3), an order of magnitude faster."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix.tolist()
+    trace = xx + yy + zz
+    squares = 1 + trace, 1 + (2 * xx - trace), 1 + (2 * yy - trace), 1 + (2 * zz - trace)
+    w, x, y, z = squares
+    a, b, c = zy - yz, xz - zx, yx - xy
+    d, e, f = yx + xy, xz + zx, zy + yz
+    row = ((w, a, b, c), (a, x, d, e), (b, d, y, f), (c, e, f, z))[squares.index(max(squares))]
+    p, q, r, s = row
+    found = np.array(row) / math.sqrt(p * p + q * q + r * r + s * s)
+    return -found if p < 0 else found

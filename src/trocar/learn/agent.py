@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import trio
 
-from trocar.errors import UnknownName
 from trocar.eval.method import AgentContext, Method
-from trocar.learn.control import ABSOLUTE, IMAGES, STATE, Answer, Control, Eyes
+from trocar.learn.control import ABSOLUTE, STATE, Answer, Control
+from trocar.learn.observed import Observation
 from trocar.learn.policy import load_policy
 from trocar.log import timed
 
@@ -23,7 +23,7 @@ class PolicySettings:
     """What ``load_policy`` takes."""
     policy_digest: str = ""  # of the files of the policy with which this run began
     action: str = ABSOLUTE
-    observation: str = STATE  # or images, or state,images
+    observation: str = STATE  # or objects, or images, or several: state,objects
     rate_hz: float = 30.0
     timeout_s: float = 10.0  # of the machine's clock, for one answer
 
@@ -37,34 +37,29 @@ class PolicyAgent:
     def __init__(self, context: AgentContext):
         self._cell, self._settings = context.cell, context.settings
         settings: PolicySettings = context.settings
-        self._observed = tuple(part.strip() for part in settings.observation.split(","))
-        for part in self._observed:
-            if part not in (STATE, IMAGES):
-                raise UnknownName("observation of a policy", part, (STATE, IMAGES))
         self._control = Control(context.cell, context.arms, context.limits, settings.action, settings.rate_hz)
+        parts = [part.strip() for part in settings.observation.split(",")]
+        self._observation = Observation(context.cell, self._control, parts, context.objects)
         self._policy = load_policy(settings.policy, settings.policy_digest, settings.timeout_s)
 
     async def run(self) -> None:
         """Act until the policy says that it is done, by answering None, or the budget is spent."""
-        control, cell, eyes = self._control, self._cell, Eyes(self._cell)
+        control, cell = self._control, self._cell
         with self._policy as ask:
             async with trio.open_nursery() as nursery:
-                if IMAGES in self._observed:
-                    nursery.start_soon(eyes.watch, cell)
-                while (action := self._asked(ask, eyes)) is not None:
+                nursery.start_soon(self._observation.watch, cell)
+                while (action := self._asked(ask)) is not None:
                     values = np.clip(control.checked(action), control.low, control.high)
-                    answer, seconds = Answer(), control.next_step_s()
+                    answer = Answer()
                     nursery.start_soon(control.act, values, answer)
-                    await cell.clock.sleep(seconds)
+                    await control.step()
                     for arm, reason in answer.refused.items():
                         cell.log.event("refused", arm=arm, reason=reason)
                 nursery.cancel_scope.cancel()
 
-    def _asked(self, ask: Any, eyes: Eyes) -> Any:
+    def _asked(self, ask: Any) -> Any:
         """Return the policy's answer to what is seen now."""
-        seen: dict[str, Any] = dict(self._control.observe()) if STATE in self._observed else {}
-        seen |= eyes.observe() if IMAGES in self._observed else {}
-        seen["time_s"] = np.array([self._cell.clock.now_s()], np.float32)
+        seen = self._observation.now()
         action, seconds = timed(lambda: ask(seen))
         self._cell.log.compute("policy", seconds, 1.0 / self._settings.rate_hz)
         return action

@@ -13,15 +13,15 @@ from trocar.arms import MotionLimits, fk, ik
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, InvalidValue, MotionRefused, OutOfReach, UnknownName
 from trocar.geometry import SE3, SO3
-from trocar.learn.poses import WIDTH, action_names, state_names, vectors
+from trocar.learn.poses import WIDTH, action_names, state_names, turn_beside
 from trocar.motion.following import step_towards
 from trocar.perception.image import CameraModel, Image, Intrinsics, RgbdImage, StereoWindow, Window
-from trocar.robots import TICK_S
+from trocar.robots import TICK_S, Compensated
 
 JOINTS, CARTESIAN, ABSOLUTE = "joints", "cartesian", "cartesian-absolute"
 ACTIONS = (JOINTS, CARTESIAN, ABSOLUTE)
-STATE, IMAGES, PRIVILEGED = "state", "images", "privileged"
-OBSERVATIONS = (STATE, IMAGES, PRIVILEGED)
+STATE, OBJECTS, IMAGES, PRIVILEGED = "state", "objects", "images", "privileged"
+OBSERVATIONS = (STATE, OBJECTS, IMAGES, PRIVILEGED)
 
 SPEED_M, SPEED_RAD = 0.2, 3.0
 """A Cartesian increment is at most this much a second, on each axis."""
@@ -77,6 +77,7 @@ class Control:
         bounds = [_bounds(cell, arm, action, rate_hz) for arm in self.arms]
         self.low, self.high = (np.hstack(side) for side in zip(*bounds, strict=True))
         self._steps, self._at_tick, self._lasts_s = 0, 0, TICK_S
+        self._begins_s = cell.clock.now_s()
         self._goals = {arm: cell.robot.setpoint(arm).q for arm in self.arms}
         self._jaws: dict[str, float] = {}
         self._turns: dict[str, NDArray[np.float64]] = {}
@@ -88,18 +89,21 @@ class Control:
         self._lasts_s, self._at_tick = (at_tick - self._at_tick) * TICK_S, at_tick
         return self._lasts_s
 
+    async def step(self) -> None:
+        """Let the next step pass; steps that begin late catch up."""
+        self.next_step_s()
+        ends_s = self._begins_s + self._at_tick * TICK_S  # a sleep of some ticks may end a tick later than it says
+        await self._cell.clock.sleep(max(0.0, ends_s - TICK_S / 2 - self._cell.clock.now_s()))
+
     def observe(self) -> dict[str, NDArray[np.float32]]:
         """Return what the encoders read: ``joints``, six and the jaw of each arm, and ``state``: the tips' poses."""
         rows, poses = [], []
         for arm in self.arms:
             reading = self._cell.robot.read(arm)
-            row = np.append(reading.q, reading.jaw_rad)
-            pose = vectors(self._cell.arms[arm], self._cell.T_world_base_registered[arm], row[None])[0]
-            before = self._turns.get(arm, pose[3:7])
-            pose[3:7] *= 1.0 if before @ pose[3:7] >= 0 else -1.0
-            self._turns[arm] = pose[3:7]
-            rows.append(row)
-            poses.append(pose)
+            tip = self._cell.T_world_base_registered[arm] @ fk(self._cell.arms[arm], reading.q)
+            self._turns[arm] = turn = turn_beside(tip.rotation.as_quaternion()[[1, 2, 3, 0]], self._turns.get(arm))
+            rows += [reading.q, [reading.jaw_rad]]
+            poses += [tip.translation_m, turn, [reading.jaw_rad]]
         return {"joints": np.hstack(rows).astype(np.float32), "state": np.hstack(poses).astype(np.float32)}
 
     def checked(self, action: ArrayLike) -> NDArray[np.float64]:
@@ -160,7 +164,12 @@ class Control:
             if factor > 1.0 + 1e-6:
                 answer.slowed[arm] = round(factor, 3)
                 self._goals[arm] = motion(motion.times_s[-1])  # increments do not pile up
-            await self._cell.robot.replace({arm: motion})
+            robot = self._cell.robot
+            await (
+                robot.follow({arm: motion}, period_s)
+                if isinstance(robot, Compensated)
+                else robot.replace({arm: motion})
+            )
         except MotionRefused as error:
             answer.refused[arm] = str(error)
             self._goals[arm] = self._cell.robot.setpoint(arm).q

@@ -12,9 +12,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.arms import fk
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.config import JOINTS as FROM_JOINTS
 from trocar.eval.config import RunConfig
+from trocar.eval.method import objects_of
 from trocar.eval.prepare import Prepared, prepare
 from trocar.eval.run import compensated
 from trocar.eval.scenery import Scenery
@@ -22,15 +24,16 @@ from trocar.eval.staged import StagedTrial
 from trocar.eval.task import TASKS, Task
 from trocar.learn.control import (
     IMAGES,
+    OBJECTS,
     OBSERVATIONS,
     PRIVILEGED,
     STATE,
     Answer,
     Control,
-    Eyes,
     image_shape,
     observation_bounds,
 )
+from trocar.learn.observed import Observation
 from trocar.registry import Lazy, load_plugin
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
@@ -42,6 +45,10 @@ from trocar.sim.world import PhysicsError
 REFEREE_S = 1.0
 """The referee looks this often, and at the end: it goes through all that has happened."""
 MAX_INDEX = 2**31
+SPARSE, DENSE = "sparse", "dense"
+REWARDS = (SPARSE, DENSE)
+DENSE_M = 0.1
+"""Being this much nearer to the next goal is worth as much as a goal that is reached."""
 FREE_M = 10.0
 """Bodies may fall this far."""
 
@@ -57,7 +64,11 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         task: name of the task.
         action: ``joints``: positions; ``cartesian``: increments of the tip's position and a rotation vector, in the
             world; ``cartesian-absolute``: position and quaternion x, y, z, w. Jaws are always absolute. Metres and rad.
-        observation: ``state``, ``images``, ``privileged`` (the truth: poses of all free bodies), or several of them.
+        observation: ``state``, ``objects`` (what the task's perception finds), ``images``, ``privileged`` (the truth:
+            poses of all free bodies), or several of them.
+        reward: ``sparse``: how many goals more the referee counts as reached; ``dense``: also by how much less is left
+            to be done of the next goal, 1 a decimetre: from the nearest working tip to its object, and from there to
+            where it belongs. The truth is used for it.
         rate_hz: steps a second of the cell's clock.
         calibrated: whether the cables are compensated, below the actions, by a model that is fitted in each session.
         station: where; empty: the task's.
@@ -82,6 +93,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         *,
         action: str = "joints",
         observation: str | Sequence[str] = STATE,
+        reward: str = SPARSE,
         rate_hz: float = 30.0,
         calibrated: bool = False,
         station: str = "",
@@ -103,6 +115,8 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         for name in self._observed or ("",):
             if name not in OBSERVATIONS:
                 raise UnknownName("observation", name, OBSERVATIONS)
+        if reward not in REWARDS:
+            raise UnknownName("reward", reward, REWARDS)
         kind = TASKS.pick(task)
         self.config = RunConfig(
             _task(kind, options),
@@ -123,11 +137,21 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         self._page: Any = None
         self._draw: OffscreenCamera | None = None
         self._scenery: Scenery | None = None
+        self._dense = reward == DENSE
         self._set_up(0, 0)
+        if (
+            self._dense
+            and self.config.task.goals()
+            and self._laboratory.task.errand(self.config.task.goals()[0]) is None
+        ):
+            remedy = "take the sparse one, or give its world a method errand(goal)"
+            raise InvalidInput(f"task {self.config.task.name!r}", "has no dense reward", remedy)
         control, cell, world = self._control, self._laboratory.cell, self._laboratory.world
         self._bodies = world.free_bodies
         boxes = {name: spaces.Box(*_float32(low, high)) for name, (low, high, _) in self._bounds().items()}
         found: dict[str, spaces.Box[Any]] = dict(boxes) if STATE in self._observed else {}
+        if self._observation.objects is not None:
+            found[OBJECTS] = spaces.Box(-1.0, 1.0, (len(self._observation.objects.names),), np.float32)
         if IMAGES in self._observed:
             for name, camera in cell.cameras.items():
                 found[f"{IMAGES}.{name}"] = spaces.Box(0, 255, image_shape(camera.model), np.uint8)
@@ -146,6 +170,8 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
     def observation_names(self) -> dict[str, list[str]]:
         """Return the names of the numbers of each part of an observation, but for images."""
         names = {key: names for key, (_, _, names) in self._bounds().items() if key in self.observation_space.spaces}  # type: ignore[attr-defined]
+        if self._observation.objects is not None:
+            names[OBJECTS] = list(self._observation.objects.names)
         if PRIVILEGED in self._observed:
             axes = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw")]
             names[PRIVILEGED] = [f"{body}.{axis}" for body in self._bodies for axis in axes]
@@ -173,9 +199,10 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         self._scored_s, self._reached, self._over = -REFEREE_S, 0, False
         self._scores: list[dict[str, Any]] = []
         self._referee(force=True)
+        self._left_m = self._remaining_m()
         if self.render_mode == "human":
             self.render()
-        return self._observation(), self._info(Answer())
+        return self._observed_now(), self._info(Answer())
 
     def _set_up(self, session: int, index: int) -> None:
         """Begin a trial."""
@@ -190,16 +217,17 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
         cell = self._laboratory.cell
         self._control = Control(cell, config.arms, limits, self._action, self._rate_hz)
-        self._eyes = Eyes(cell)
+        parts = [part for part in self._observed if part != PRIVILEGED]
+        self._observation = Observation(cell, self._control, parts, objects_of(config.task, cell))
         self._where, self._scenery, self._draw = (session, index), None, None
-        script = self._eyes.watch if IMAGES in self._observed else None
-        self._stepping = self._laboratory.stepping(script)
+        self._stepping = self._laboratory.stepping(self._observation.watch if self._observation.looks else None)
         self._stepping.__enter__()
 
     def step(self, action: ArrayLike) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:  # type: ignore[override]
         """Let an action take its time; return observation, reward, terminated, truncated and info.
 
-        The reward is how many goals more the referee counts as reached; it looks once a second, and at the end.
+        The reward is how many goals more the referee counts as reached; it looks once a second, and at the end. A dense
+        one adds what was gained on the way.
 
         Raises:
             InvalidInput: the action has another shape, is not finite or leaves its bounds (nothing has moved then), or
@@ -217,15 +245,29 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         except PhysicsError as error:
             void = str(error)
         truncated = bool(void) or self._laboratory.now_s() >= self.config.task.budget_s - TICK_S / 2
-        before = self._reached
+        before, gained_m = self._reached, 0.0 if void else self._left_m - self._remaining_m()
         if not void:
             self._referee(force=truncated)
+            self._left_m = self._remaining_m()
         terminated = bool(self._goals) and self._reached == self._goals and not void
         self._over = terminated or truncated
         if self.render_mode == "human":
             self.render()
         info = self._info(answer) | ({"void": void} if void else {})
-        return self._observation(), float(self._reached - before), terminated, truncated, info
+        return self._observed_now(), float(self._reached - before + gained_m / DENSE_M), terminated, truncated, info
+
+    def _remaining_m(self) -> float:
+        """Return what is left to be done of the next goal; 0 where the reward is sparse."""
+        goals = self.config.task.goals()
+        open_goals = [goal for goal, score in zip(goals, self._scores, strict=True) if not score["succeeded"]]
+        if not (self._dense and open_goals):
+            return 0.0
+        world, arms = self._laboratory.world, self.config.arms
+        found = self._laboratory.task.errand(open_goals[0])
+        assert found is not None  # asked when the environment was made
+        tips = [world.T_world_base[arm] @ fk(world.models[arm], world.joints(arm)) for arm in arms]
+        reach_m = min(float(np.linalg.norm(tip.translation_m - found[0])) for tip in tips)
+        return reach_m + float(np.linalg.norm(found[1] - found[0]))
 
     def _referee(self, *, force: bool) -> None:
         """Score what has happened, if it is time to."""
@@ -235,10 +277,8 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             self._scored_s, self._scores = now_s, [asdict(score) for score in scores]
             self._reached = sum(bool(score.succeeded) for score in scores)
 
-    def _observation(self) -> dict[str, NDArray[Any]]:
-        found: dict[str, NDArray[Any]] = dict(self._control.observe()) if STATE in self._observed else {}
-        if IMAGES in self._observed:
-            found |= self._eyes.observe()
+    def _observed_now(self) -> dict[str, NDArray[Any]]:
+        found = self._observation.now()
         if PRIVILEGED in self._observed:
             poses = self._laboratory.world.free_poses()[:, [0, 1, 2, 4, 5, 6, 3]].ravel()
             low, high = self.observation_space[PRIVILEGED].low, self.observation_space[PRIVILEGED].high  # type: ignore[index]
@@ -246,7 +286,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
                 problem = f"has {len(poses) // 7} free bodies, and another scene of it had {len(low) // 7}"
                 raise InvalidInput(f"task {self.config.task.name!r}", problem, f"do not observe {PRIVILEGED!r}")
             found[PRIVILEGED] = np.clip(poses, low, high).astype(np.float32)
-        return found | {"time_s": np.array([self._laboratory.now_s()], np.float32)}
+        return found
 
     def _info(self, answer: Answer) -> dict[str, Any]:
         session, index = self._where

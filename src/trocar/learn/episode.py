@@ -13,11 +13,13 @@ from scipy.interpolate import interp1d
 from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
+from trocar.learn import control
+from trocar.learn.observed import NOTED, PREFIX
 from trocar.learn.poses import action_names, state_names, vectors
 from trocar.report.timechart import turn_at, turns_of
 
 FPS = 30
-IMAGES = "observation.images."
+IMAGES, OBJECTS = "observation.images.", "observation.environment_state"
 STATE, ACTION, STEP, PHASE, REWARD, DONE = (
     *("observation.state", "action"),
     *("subtask_index", "phase_index", "next.reward", "next.done"),
@@ -60,11 +62,13 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
     """Return a trial as an episode.
 
     Frame k is at k / 30 s; joints are interpolated between the ticks of 10 ms before and after it. Its state is what
-    the encoders read there; its action what the script asked for by the next frame, before cables were compensated.
+    the encoders read there, or, if observations were noted, what a policy would observe: joints as a model of the
+    cables estimates them. Its action is what the script asked for by the next frame, before cables were compensated.
 
     Args:
         trial: a finished trial.
-        commanded: whether its actions are what was sent to the controller instead, corrected for the cables.
+        commanded: whether its actions are what was sent to the controller instead, corrected for the cables, and its
+            state what the encoders read in any case: what a policy for raw cables observes and does.
         truth: whether columns that only the referee knows are added.
 
     Raises:
@@ -86,10 +90,15 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
         return np.hstack([vectors(scenery.arms[a], bases[a], joints(kind, a, at_s)) for a in arms]).astype(np.float32)
 
     names: dict[str, list[str]] = {STATE: state_names(arms), ACTION: action_names(arms)}
+    observed = _observed(trial, len(times_s))
+    measured = of_arms("measured", times_s, scenery.T_world_base_registered)
     columns: dict[str, NDArray[Any]] = {
-        STATE: of_arms("measured", times_s, scenery.T_world_base_registered),
+        STATE: measured if commanded else observed.get(control.STATE, measured),
         ACTION: of_arms("commanded" if commanded else "desired", following, scenery.T_world_base_registered),
     }
+    if control.OBJECTS in observed:
+        columns[OBJECTS] = observed[control.OBJECTS]
+        names[OBJECTS] = next(list(event["objects"]) for event in trial.events if event["name"] == NOTED)
     steps, of_step = _numbered(_steps(trial, arms, times_s))
     phases, of_phase = _numbered(name for frame in _phases(trial, arms, times_s) for name in frame)
     columns[STEP], columns[PHASE] = of_step[:, None], of_phase.reshape(-1, len(arms))
@@ -116,6 +125,14 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
     task = " ".join(str(trial.about[key]).replace("-", " ") for key in ("task", "variant") if trial.about[key])
     images = {name: taken for name, taken in images.items() if taken}
     return Episode(columns, names, task, steps, phases, images, {"commanded": commanded, **_about(trial)})
+
+
+def _observed(trial: Trial, frames: int) -> dict[str, NDArray[np.float32]]:
+    """Return what was noted of a policy's observations (frames, k), the last one until the end."""
+    noted = {
+        name: trial.arrays[PREFIX + name] for name in (control.STATE, control.OBJECTS) if PREFIX + name in trial.arrays
+    }
+    return {name: rows[np.minimum(np.arange(frames), len(rows) - 1)] for name, rows in noted.items()}
 
 
 def _about(trial: Trial) -> dict[str, Any]:

@@ -31,6 +31,12 @@ def action_names(arms: Sequence[str]) -> list[str]:
     return [name for arm in arms for name in (*(f"{arm}_sp.{part}" for part in _PARTS), f"{arm}_jaw_sp")]
 
 
+def turn_beside(xyzw: NDArray[np.float64], before: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return a quaternion (4,), or its negative: which of both is on the side of the one before, None: of none."""
+    side = xyzw[np.abs(xyzw).argmax()] if before is None else before @ xyzw
+    return -xyzw if side < 0 else xyzw
+
+
 def vectors(arm: ArmModel, T_world_base: SE3, rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the numbers (n, 8) of one arm from joints and jaw (n, 7)."""
     tip = T_world_base @ fk(arm, rows[:, :6])

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.calibration.command_path import CommandPath, CommandRequest, command_paths
-from trocar.calibration.compensation import HysteresisState
+from trocar.calibration.compensation import HysteresisState, inverse
 from trocar.calibration.models import CableModel
 from trocar.cell import Clock, JointReading, Log, MotionEnd, MotionResult, Robot, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, OutOfReach, TrocarError
 from trocar.log import timed
+from trocar.motion.following import step_towards
 from trocar.robots.guarded import START_TOLERANCE, start_mismatch
 from trocar.trajectory import Trajectory
 
@@ -173,6 +174,35 @@ class Compensated:
         if paths:
             self.log.compute("compensation", seconds, BUDGET_S)
         return await self._sent(self.robot.replace, motions, paths)
+
+    async def follow(self, motions: Mapping[str, Trajectory], period_s: float) -> Mapping[str, MotionResult]:
+        """Let the joints follow motions of which others take over after each period: steps of a stream.
+
+        What a stream asks for next is not known, so that a slack is crossed only once a joint turns round, and as fast
+        as the limits allow: meanwhile it stands. A motion that is known as a whole goes better through ``replace``.
+
+        Args:
+            motions: as ``trocar.motion.following.step_towards`` makes them; what they do after the period, to come to
+                rest, the commands do in their own way.
+            period_s: until other motions take over.
+        """
+        paths, seconds = timed(lambda: {arm: self._step(arm, motion, period_s) for arm, motion in motions.items()})
+        self.log.compute("compensation", seconds, period_s)
+        return await self._sent(self.robot.replace, motions, {arm: path for arm, path in paths.items() if path})
+
+    def _step(self, arm: str, motion: Trajectory, period_s: float) -> CommandPath | None:
+        """Return the commands of one period of a stream; None for an arm that is not compensated."""
+        if arm not in self._rested:
+            return None
+        sent, model = self.robot.setpoint(arm), self.arms[arm]
+        memory, velocity = self._memory(arm, sent), motion(period_s, 1)
+        asked = motion(period_s) + velocity * period_s / 2  # the next point of the B-spline that the stream is
+        error = memory.joints(sent.q) - sent.q
+        wanted = inverse(memory.model, memory.state, asked, asked - error)
+        q_cmd = np.clip(wanted, model.lower + RANGE_GUARD, model.upper - RANGE_GUARD)
+        commands = step_towards(q_cmd, velocity, sent.q, sent.velocity, self.limits[arm], period_s)
+        nothing = np.zeros(6)
+        return CommandPath(commands, motion, nothing, nothing, np.abs(wanted - q_cmd), wanted, 1.0, memory)
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Find the commands of motions that come next, so that ``move`` starts them at once.

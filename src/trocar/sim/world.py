@@ -72,6 +72,15 @@ class TaskWorld:
     def observe(self, time_s: float) -> None:
         """Observe the world; called after each tick of the controller, before ``collision`` is for its contacts."""
 
+    def errand(self, goal: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Return where (3,) in the world a goal's object is now, and where it belongs; None: that cannot be said.
+
+        Only dense rewards use it (``trocar.learn``). The goals are asked about in order, each from when it is the next
+        one until it is reached.
+        """
+        del goal
+        return None
+
     def truth(self, record: Record) -> Any:
         """Return what really happened, only for the task's score."""
         return record

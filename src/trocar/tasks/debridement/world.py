@@ -15,6 +15,7 @@ from trocar.geometry import SE3, SO3
 from trocar.sim.record import CollidingPair, Record
 from trocar.sim.spec import INTANGIBLE, SOLID, digits, placed
 from trocar.sim.world import TaskWorld, World
+from trocar.tasks.debridement.goals import Clearing
 from trocar.tasks.debridement.scene import GROUND, DebridementScene, Fragment
 from trocar.tasks.debridement.truth import DebridementTruth, Sights
 
@@ -64,6 +65,7 @@ class DebridementWorld(TaskWorld):
         self._scene = scene
         self._touched: list[NDArray[np.bool_]] = []
         self._held: list[NDArray[np.bool_]] = []
+        self._errands: dict[Clearing, int] = {}
 
     def add(self, spec: mujoco.MjSpec) -> None:
         """Add the work surface, the receptacle, and the fragments as free bodies."""
@@ -114,6 +116,14 @@ class DebridementWorld(TaskWorld):
                 return False
         away = self._world.free_poses()[:, :2] - data.geom_xpos[geom][:2]
         return bool((np.linalg.norm(away, axis=-1) < GRASP_M).any())
+
+    def errand(self, goal: Clearing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return where the fragment is that lies next to the receptacle, and the middle of the receptacle's floor."""
+        scene, fragments = self._scene, self._world.free_poses()[:, :3]
+        middle = scene.T_world_receptacle.translation_m
+        inside = scene.receptacle.holds(scene.T_world_receptacle.inverse().apply(fragments))
+        away = np.where(inside, np.inf, np.linalg.norm(fragments - middle, axis=1))
+        return fragments[self._errands.setdefault(goal, int(away.argmin()))], middle
 
     def truth(self, record: Record) -> DebridementTruth:
         """Return where fragments and tips were, and when fragments were held."""

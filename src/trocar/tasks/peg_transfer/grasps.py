@@ -61,6 +61,20 @@ class Grasp:
     candidate: int
 
 
+_RULES = (
+    (True, 0.15e-3, np.radians(70.0)),
+    (True, 0.15e-3, np.radians(110.0)),
+    (False, 0.15e-3, np.radians(70.0)),
+    (False, 0.15e-3, np.radians(110.0)),
+    (True, -0.6e-3, np.radians(110.0)),
+    (False, -0.6e-3, np.radians(110.0)),
+)
+"""Rules for grasps, tried in turn: whether only walls on the arm's own side will do, least gap (m) round the open
+fingers, largest roll. Walls on its own side are preferred for a block to be handed over, since held there it leaves
+room for the other arm; else these rules are left out. With a gap below zero a finger must slide off the peg's round end
+or push the block aside."""
+
+
 def grasp_candidates(depth_m: float = DEPTH_M, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
     """Return ``T_block_tip`` (6,): tip z out of the block, tip x along the outward normal of the side.
 
@@ -139,6 +153,35 @@ def choose_grasp(
             if best is None or _rank(grasp, avoid) > _rank(best, avoid):
                 best = grasp
     return best or f"none of the six grasps is feasible ({'; '.join(blocked)})"
+
+
+def plan_grasp(
+    arm: ArmModel,
+    T_base_board: SE3,
+    T_board_block: SE3,
+    board: Pegboard,
+    block: Block,
+    others: Sequence[SE3] = (),
+    *,
+    avoid: Collection[int] = (),
+    depth_m: float = DEPTH_M,
+    hands_over: bool = False,
+) -> Grasp | str:
+    """Return the grasp by the first rule that allows one, or one sentence why none does; arguments as above.
+
+    ``hands_over``: whether the block is for another arm, so that walls on the arm's own side are preferred.
+    """
+    own_side, grasp = T_base_board.inverse().translation_m[:2], ""
+    for outer, min_gap_m, max_roll_rad in _RULES:
+        if outer and not hands_over:
+            continue
+        rule = {"min_gap_m": min_gap_m, "max_roll_rad": max_roll_rad, "towards": own_side if outer else None}
+        grasp = choose_grasp(
+            arm, T_base_board, T_board_block, board, block, others, avoid=avoid, depth_m=depth_m, **rule
+        )
+        if isinstance(grasp, Grasp):
+            return grasp
+    return grasp
 
 
 def _rank(grasp: Grasp, avoid: Collection[int]) -> tuple[bool, float, float]:

@@ -68,6 +68,7 @@ class PegTransfer(Task):
         ),
     }
     perceptions: ClassVar = {"depth": Lazy("trocar.tasks.peg_transfer.perception:DepthView")}
+    objects = Lazy("trocar.tasks.peg_transfer.perception.objects:PegObjects")
     report = Lazy("trocar.tasks.peg_transfer.report:PegReport")
     study = Lazy("trocar.tasks.peg_transfer.report.study:PegStudy")
 

@@ -13,6 +13,7 @@ from trocar.geometry import SE3
 from trocar.sim.record import CollidingPair, Record
 from trocar.sim.spec import SOLID, UNSEEN_GROUP, digits, placed
 from trocar.sim.world import TaskWorld, World
+from trocar.tasks.peg_transfer.goals import Transfer
 from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.truth import PegTruth
 
@@ -36,6 +37,7 @@ class PegWorld(TaskWorld):
         self._scene = scene
         self._held_at: dict[str, list[NDArray[np.bool_]]] = {}
         self._held: dict[int, str] = {}
+        self._errands: dict[Transfer, int] = {}
 
     def add(self, spec: mujoco.MjSpec) -> None:
         """Add table, plates and pegs, and the blocks as free bodies."""
@@ -79,6 +81,14 @@ class PegWorld(TaskWorld):
     def counts(self, pair: CollidingPair, normal: NDArray[np.float64]) -> bool:
         """Return whether it is a peg's side that is touched, or an arm."""
         return not (pair.against.startswith("peg") and abs(normal[2]) > STEEP)
+
+    def errand(self, goal: Transfer) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the middle of the top face of a transfer's block, and where it is once it stands on its target."""
+        blocks = np.stack([self._world.free_pose(f"block{k}").translation_m for k in range(self._count)])
+        scene, lies = self._scene, [0.0, 0.0, self._scene.block.height_m]
+        source, target = scene.T_world_board.apply(scene.board.pegs_m[list(goal)] + lies)
+        block = self._errands.setdefault(goal, int(np.linalg.norm(blocks - source, axis=1).argmin()))
+        return blocks[block], target
 
     def truth(self, record: Record) -> PegTruth:
         """Return where blocks and tips were in the board's frame, and when blocks were held."""

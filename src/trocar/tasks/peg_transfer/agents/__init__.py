@@ -4,26 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.eval import Agent, AgentContext
 from trocar.registry import Lazy
 from trocar.robots.coordinator import Margins
 from trocar.tasks.peg_transfer.grasps import DEPTH_M
 
-GRASP_RULES = (
-    (True, 0.15e-3, np.radians(70.0)),
-    (True, 0.15e-3, np.radians(110.0)),
-    (False, 0.15e-3, np.radians(70.0)),
-    (False, 0.15e-3, np.radians(110.0)),
-    (True, -0.6e-3, np.radians(110.0)),
-    (False, -0.6e-3, np.radians(110.0)),
-)
-"""Rules for grasps, tried in turn: whether only walls on the arm's own side will do, least gap (m) round the open
-fingers, largest roll. Walls on its own side are preferred for a block to be handed over, since held there it leaves
-room for the other arm; else these rules are left out. With a gap below zero a finger must slide off the peg's round end
-or push the block aside."""
 AGENTS = {
     "unilateral": Lazy("trocar.tasks.peg_transfer.agents.unilateral:Unilateral"),
     "bilateral": Lazy("trocar.tasks.peg_transfer.agents.two_arms:Bilateral"),

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trocar.cell import Camera, Cell, Result
-from trocar.errors import InvalidInput
+from trocar.cell import Result
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
-from trocar.perception.image import Intrinsics, RgbdImage
+from trocar.perception.image import RgbdImage
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.peg_transfer.agents import GRASP_RULES
 from trocar.tasks.peg_transfer.goals import TransferOutcome
-from trocar.tasks.peg_transfer.grasps import Grasp, choose_grasp
+from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp
+from trocar.tasks.peg_transfer.perception import rgbd_camera
 
 if TYPE_CHECKING:
     from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
@@ -35,7 +34,7 @@ class Table:
     def __init__(self, context: AgentContext):
         self.cell, self.settings, self.see = context.cell, context.settings, context.perception
         self.board, self.block = context.nominal.board, context.nominal.block
-        self.camera, self.T_world_camera = _rgbd(context.cell)
+        self.camera, self.T_world_camera = rgbd_camera(context.cell)
         self.T_world_board = context.cell.T_world_fixture["board"]
         self.blocks: dict[int, SE3] = {}
 
@@ -84,14 +83,6 @@ class Table:
         return not missing
 
 
-def _rgbd(cell: Cell) -> tuple[Camera, SE3]:
-    """Return the cell's first camera with depth, and where it is registered."""
-    for name, camera in cell.cameras.items():
-        if isinstance(camera.model, Intrinsics):
-            return camera, cell.T_world_camera_registered[name]
-    raise InvalidInput("peg-transfer", "needs an RGBD camera, and this cell has none", "add one to the station")
-
-
 class Eyes:
     """One arm's vision: the cell's camera, and the interpretation of its images for this arm."""
 
@@ -119,26 +110,18 @@ class Eyes:
             return found, TransferOutcome.NO_BLOCK
         table.blocks[source] = found
         others = [pose for peg, pose in table.blocks.items() if peg != source]
-        own_side, grasp = T_base_board.inverse().translation_m[:2], ""
-        for outer, min_gap_m, max_roll_rad in GRASP_RULES:
-            if outer and not self.arm.hands_over:
-                continue
-            grasp = choose_grasp(
-                self.arm.model,
-                T_base_board,
-                found,
-                table.board,
-                table.block,
-                others,
-                avoid=failed,
-                depth_m=self.settings.depth_m,
-                min_gap_m=min_gap_m,
-                max_roll_rad=max_roll_rad,
-                towards=own_side if outer else None,
-            )
-            if isinstance(grasp, Grasp):
-                return grasp
-        return grasp, TransferOutcome.OUT_OF_REACH
+        grasp = plan_grasp(
+            self.arm.model,
+            T_base_board,
+            found,
+            table.board,
+            table.block,
+            others,
+            avoid=failed,
+            depth_m=self.settings.depth_m,
+            hands_over=self.arm.hands_over,
+        )
+        return grasp if isinstance(grasp, Grasp) else (grasp, TransferOutcome.OUT_OF_REACH)
 
     async def see_held(self, holder: PegArm, T_board_expected: SE3) -> SE3 | None:
         """Look at a block in an arm's jaws, near where its joints have it; return its pose, nearly upright, or None.

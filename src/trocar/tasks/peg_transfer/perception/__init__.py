@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from trocar.cell import Camera, Cell
+from trocar.errors import InvalidInput
+from trocar.geometry import SE3
+from trocar.perception.image import Intrinsics
 from trocar.tasks.peg_transfer.perception.blocks import find_block, find_held_block
 from trocar.tasks.peg_transfer.perception.board import find_board
 
@@ -15,3 +19,11 @@ class DepthView:
     find_board = staticmethod(find_board)
     find_block = staticmethod(find_block)
     find_held_block = staticmethod(find_held_block)
+
+
+def rgbd_camera(cell: Cell) -> tuple[Camera, SE3]:
+    """Return the cell's first camera with depth, and where it is registered."""
+    for name, camera in cell.cameras.items():
+        if isinstance(camera.model, Intrinsics):
+            return camera, cell.T_world_camera_registered[name]
+    raise InvalidInput("peg-transfer", "needs an RGBD camera, and this cell has none", "add one to the station")

@@ -1,0 +1,127 @@
+"""What a policy sees of a peg transfer: numbers from images, taken beside whatever the arms do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.cell import Cell
+from trocar.geometry import SE3
+from trocar.perception.image import Intrinsics, RgbdImage, Window
+from trocar.tasks.peg_transfer.goals import PegSet, Transfer
+from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp
+from trocar.tasks.peg_transfer.perception import rgbd_camera
+
+EVERY_S = 1.0
+"""Time from one look to the next."""
+BUDGET_S = 0.25
+"""Time declared for what is found in one image: the board, and then up to twelve blocks."""
+MOVED_M = 1e-3
+"""A block that is seen this far from where it was has moved: its grasp is planned anew."""
+_XYZ = tuple(f"position.{axis}" for axis in "xyz")
+_OF_GOAL = (*(f"block.{name}" for name in (*_XYZ, "cos_3yaw", "sin_3yaw")),)
+_OF_GOAL += (*(f"grasp.{name}" for name in (*_XYZ, "cos_yaw", "sin_yaw", "jaw")),)
+_OF_GOAL += (*(f"target.{name}" for name in _XYZ), "done")
+
+
+class PegObjects:
+    """Each transfer's block, how to grasp it, and its target in the world, as last seen.
+
+    Of a transfer: the middle (m) of the top face of its block on the source peg, cosine and sine of three times its
+    yaw, since its three walls are alike; the tip's position (m), cosine and sine of the yaw of its x axis, and the
+    opening of the jaws (rad) in the grasp that ``plan_grasp`` plans for an arm, the nearest one; the middle of the
+    target peg's foot; and whether a block was seen on the target. Before a block has been seen, it and its grasp are
+    where the peg is, and the other numbers are 0. What is hidden stays as it was.
+
+    Attributes:
+        names: of the numbers.
+        values: the numbers, each from -1 to 1.
+    """
+
+    def __init__(self, cell: Cell, goals: Sequence[Transfer], nominal: PegSet, perception: Any):
+        self._cell, self._goals, self._board, self._block = cell, goals, nominal.board, nominal.block
+        self._see, self._T_world_board, self._found = perception, cell.T_world_fixture["board"], False
+        self._camera, self._T_world_camera = rgbd_camera(cell)
+        self._arms = list(cell.arms)[: 1 if nominal.variant == "unilateral" else 2]
+        self.names = [f"transfer{number}.{name}" for number in range(1, len(goals) + 1) for name in _OF_GOAL]
+        self._blocks: dict[int, SE3] = {}
+        self._grasps: dict[int, tuple[SE3, Grasp]] = {}  # and the block for which it was planned
+        self._done: set[int] = set()
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Return the numbers as they are now known."""
+        rows = []
+        for number, goal in enumerate(self._goals):
+            source, target = self._T_world_board.apply(self._board.pegs_m[list(goal)])
+            top = source + [0, 0, self._block.height_m]
+            block, grasp = np.hstack([top, 0, 0]), np.hstack([top, 0, 0, 0])
+            if goal.source in self._blocks:
+                pose = self._T_world_board @ self._blocks[goal.source]
+                yaw = 3 * _yaw(pose)
+                block = np.hstack([pose.translation_m, np.cos(yaw), np.sin(yaw)])
+            if goal.source in self._grasps:
+                planned = self._grasps[goal.source][1]
+                pose = self._T_world_board @ planned.T_board_tip
+                yaw = _yaw(pose)
+                grasp = np.hstack([pose.translation_m, np.cos(yaw), np.sin(yaw), planned.jaw_rad])
+            rows.append(np.hstack([block, grasp, target, float(number in self._done)]))
+        return np.clip(np.hstack(rows), -1.0, 1.0)
+
+    async def watch(self) -> None:
+        """Look again and again, for ever."""
+        clock, model = self._cell.clock, self._camera.model
+        assert isinstance(model, Intrinsics)  # it is the camera with depth
+        whole = Window((0, 0), (model.width, model.height))  # a camera keeps images without a window
+        while True:
+            began_s = clock.now_s()
+            image = await self._camera.capture(whole)
+            assert isinstance(image, RgbdImage)
+            seen, seconds = await clock.compute(partial(self._perceived, image), BUDGET_S)
+            self._cell.log.compute("objects", seconds, BUDGET_S)
+            self._take(*seen)
+            await clock.sleep(max(0.0, began_s + EVERY_S - clock.now_s()))
+
+    def _perceived(self, image: RgbdImage) -> tuple[SE3 | None, dict[int, SE3], dict[int, tuple[SE3, Grasp]]]:
+        """Return the board, if one has been seen, and the blocks that are seen, and grasps of those that moved."""
+        board = self._T_world_board
+        if not self._found:
+            found = self._see.find_board(image, self._T_world_camera, self._board, board)
+            if isinstance(found, str):
+                return None, {}, {}
+            board = found
+        T_camera_board = self._T_world_camera.inverse() @ board
+        pegs = sorted({peg for goal in self._goals for peg in goal})
+        seen = {peg: self._see.find_block(image, T_camera_board, self._board, self._block, peg) for peg in pegs}
+        blocks = {peg: pose for peg, pose in seen.items() if not isinstance(pose, str)}
+        grasps = {}
+        for peg in {goal.source for goal in self._goals} & blocks.keys():
+            before = self._grasps.get(peg)
+            off = np.inf if before is None else np.linalg.norm(blocks[peg].translation_m - before[0].translation_m)
+            grasp = self._planned(board, blocks[peg]) if off > MOVED_M else None
+            if isinstance(grasp, Grasp):
+                grasps[peg] = blocks[peg], grasp
+        return board, blocks, grasps
+
+    def _planned(self, T_world_board: SE3, T_board_block: SE3) -> Grasp | str:
+        bases = [self._cell.T_world_base_registered[arm] for arm in self._arms]
+        at = (T_world_board @ T_board_block).translation_m
+        nearest = int(np.argmin([np.linalg.norm(base.translation_m - at) for base in bases]))
+        T_base_board = bases[nearest].inverse() @ T_world_board
+        return plan_grasp(self._cell.arms[self._arms[nearest]], T_base_board, T_board_block, self._board, self._block)
+
+    def _take(self, T_world_board: SE3 | None, blocks: dict[int, SE3], grasps: dict[int, tuple[SE3, Grasp]]) -> None:
+        if T_world_board is None:
+            return
+        self._T_world_board, self._found = T_world_board, True
+        self._blocks |= blocks
+        self._grasps |= grasps
+        self._done |= {number for number, goal in enumerate(self._goals) if goal.target in blocks}
+
+
+def _yaw(pose: SE3) -> float:
+    return float(np.arctan2(pose.matrix[1, 0], pose.matrix[0, 0]))
