@@ -1,4 +1,4 @@
-"""Heights above the tissue agree with the instrument's solids, for every arm."""
+"""Distances from tissue, body wall and second arm agree with the instrument's solids."""
 
 from dataclasses import replace
 
@@ -8,8 +8,14 @@ import pytest
 from trocar.arms import ARMS, fk, frames
 from trocar.arms.solids import capsules
 from trocar.geometry import SE3
-from trocar.tasks.suture.planning import PRESETS, suture_joints
-from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD, above_tissue_m, fingers_above_m
+from trocar.tasks.suture.planning import DIRECTIONS, PRESETS, Suture, suture_joints, with_settings
+from trocar.tasks.suture.planning.clearance import (
+    APART_M,
+    JAW_OPEN_RAD,
+    OFF_WALL_M,
+    above_tissue_m,
+    fingers_above_m,
+)
 from trocar.tasks.suture.planning.primitive import jaws_above_m, path_samples
 
 THETAS = np.radians(np.arange(0.0, 360.0, 30.0))
@@ -98,3 +104,65 @@ def test_a_suture_with_the_instrument_in_the_tissue_is_not_feasible():
     assert joints.feasible.any() and not sunk.feasible.any()
     grazing = replace(joints, above_tissue_m=np.zeros_like(joints.above_tissue_m))
     np.testing.assert_array_equal(grazing.feasible, joints.feasible)
+
+
+def around(**settings):
+    return with_settings(PRESETS["default"], settings).setup
+
+
+def test_without_a_body_wall_and_a_second_port_nothing_is_in_the_way():
+    joints = suture_joints(around(), THETAS)
+    assert np.isposinf(joints.inside_wall_m).all() and np.isposinf(joints.arms_apart_m).all()
+
+
+def test_under_a_flat_body_wall_its_height_over_the_highest_solid_is_what_is_left():
+    """The wrist is highest: its capsule, which ends where the shaft begins."""
+    setup = around(wall_up_mm=75)
+    joints = suture_joints(setup, THETAS)
+    solids = capsules(setup.arm, joints.q).moved(setup.T_world_base)
+    highest = (solids.ends_m[..., 1, :, 2].max(-1) + solids.radii_m[1]).max(-1)
+    radius_m = setup.arm.instrument.shaft_radius_m
+    expected = 0.075 - OFF_WALL_M - highest - max(radius_m - solids.radii_m[1], 0.0)
+    np.testing.assert_allclose(joints.inside_wall_m, expected, atol=1e-12)
+
+
+def test_a_body_wall_that_is_turned_and_leans_with_the_base_leaves_as_much():
+    leaning = {"wall_up_mm": 60, "wall_slope_deg": 25, "wall_thick_mm": 60}
+    usual = suture_joints(around(**leaning, wall_azimuth_deg=30), THETAS).inside_wall_m
+    turned = {"base_azimuth_deg": 225 + 60, "wall_azimuth_deg": 90}
+    found = suture_joints(around(**leaning, **turned), THETAS + np.pi / 3).inside_wall_m
+    assert np.ptp(usual) > 1e-3
+    np.testing.assert_allclose(found, usual, atol=1e-12)
+
+
+@pytest.mark.parametrize(("settings", "off_mm"), [({}, 10), ({"puller_up_mm": 92}, 18), ({"puller_up_mm": 155}, 15)])
+def test_ports_lie_in_the_body_wall(settings, off_mm):
+    joints = suture_joints(around(wall_up_mm=110, **settings), THETAS)
+    np.testing.assert_allclose(joints.inside_wall_m.max(), -off_mm / 1e3, atol=1e-12)
+    assert not joints.feasible.any()
+
+
+def test_the_drive_unit_stays_outside_of_a_steep_body_wall():
+    """Deep in the body, a shaft that passes the port at a slant has its drive unit near the outer surface."""
+    slanted = around(base_sideways_mm=140, base_up_mm=60, base_tilt_deg=65, wall_up_mm=59.9, wall_thick_mm=0.2)
+    thick = around(base_sideways_mm=140, base_up_mm=60, base_tilt_deg=65, wall_up_mm=59.9, wall_thick_mm=100)
+    thin, nearer = (suture_joints(setup, THETAS).inside_wall_m for setup in (slanted, thick))
+    assert (nearer < thin - 0.01).any() and (nearer <= thin + 1e-12).all()
+
+
+def test_the_second_instrument_goes_straight_from_its_port_to_the_needles_tip():
+    setup = around(puller_up_mm=100)
+    joints = suture_joints(setup, THETAS)
+    last = np.array([setup.insertion.straight_m]), np.array([setup.insertion.turn_rad])
+    shares = np.linspace(0.0, 1.0, 2001)[:, None]
+    for row, direction in enumerate(DIRECTIONS):
+        for n, theta in enumerate(THETAS):
+            tip = setup.circle.T_world_circle.apply(Suture(setup, float(theta), direction).needle_tip_m(*last)[0])
+            second = setup.puller.port_m + shares * (tip - setup.puller.port_m)
+            solids = capsules(setup.arm, joints.q[row, n, -1]).moved(setup.T_world_base)
+            start, end = solids.ends_m[:, None, 0], solids.ends_m[:, None, 1]
+            along = np.clip(((second - start) * (end - start)).sum(-1) / ((end - start) ** 2).sum(-1), 0.0, 1.0)
+            apart = np.linalg.norm(second - start - along[..., None] * (end - start), axis=-1) - solids.radii_m[:, None]
+            left = apart.min() - setup.arm.instrument.shaft_radius_m - APART_M
+            assert joints.arms_apart_m[row, n] == pytest.approx(left, abs=2e-5)
+    assert (joints.drivable & ~joints.feasible).any()

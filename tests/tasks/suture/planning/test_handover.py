@@ -10,8 +10,8 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
-from trocar.tasks.suture.planning import handover
-from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
+from trocar.tasks.suture.planning import PRESETS, handover
+from trocar.tasks.suture.planning.clearance import APART_M, JAW_OPEN_RAD
 from trocar.tasks.suture.planning.handover import (
     FACES,
     OTHERWISE_RAD,
@@ -21,7 +21,7 @@ from trocar.tasks.suture.planning.handover import (
     taking,
 )
 from trocar.tasks.suture.planning.primitive import grasp_pose
-from trocar.tasks.suture.planning.pull import APART_M, HOLDING_RAD, ROOM_RAD, out_segments, room_rad
+from trocar.tasks.suture.planning.pull import HOLDING_RAD, ROOM_RAD, out_segments, room_rad
 from trocar.tasks.suture.planning.two_arms import SecondArm, plan_two_arms
 from trocar.tasks.suture.task import CircleSutures
 
@@ -106,6 +106,14 @@ def test_handovers_with_the_arms_too_near_to_each_other_are_not_taken(monkeypatc
     monkeypatch.setattr(handover, "APART_M", 3.0 * nearest_m)
     with pytest.raises(OutOfReach):
         plan_handovers(giver, taker, places)
+
+
+def test_a_grasp_beside_which_open_jaws_meet_the_wire_is_named():
+    pull = PLAN.pulls[0]
+    giver = Holder(pull.grips[-1].setup, SECOND.park_q(), out_segments(pull.grips[-1])[-1].q[-1])
+    leaning = replace(TASK.setup, grasp=PRESETS["paper-demo"].setup.grasp)
+    with pytest.raises(OutOfReach, match=r"open jaws would meet the wire beside their grasp; .*grasp_lean_deg"):
+        plan_handovers(giver, Holder(leaning, FIRST.park_q(), FIRST.park_q()), handover_places(leaning, EYE_M))
 
 
 def test_the_needle_in_its_stand_is_out_of_reach_if_the_stand_is():

@@ -6,7 +6,7 @@ import pytest
 from trocar.arms import jacobian
 from trocar.errors import TrocarError
 from trocar.tasks.suture.demonstrations import Demonstrations
-from trocar.tasks.suture.planning import MARGINS, PRESETS, Reward, dexterity, suture_joints
+from trocar.tasks.suture.planning import MARGINS, PRESETS, Reward, dexterity, suture_joints, with_settings
 from trocar.tasks.suture.planning.rewards import SURROGATE
 from trocar.tasks.suture.planning.setup import mirrored
 
@@ -107,3 +107,10 @@ def test_given_manipulability_takes_the_surrogates_place_and_is_named():
 def test_bad_options_are_named(options, says):
     with pytest.raises(TrocarError, match=says):
         Reward(**options)
+
+
+def test_a_second_arm_changes_what_is_feasible_and_no_rewards():
+    alone = dexterity(PRESETS["default"].setup)
+    paired = dexterity(with_settings(PRESETS["default"], {"puller_up_mm": 100}).setup)
+    np.testing.assert_array_equal(paired.values, alone.values)
+    assert (alone.joints.feasible & ~paired.joints.feasible).any() and paired.feasible.all()

@@ -10,6 +10,7 @@ from trocar.arms import ARMS, fk
 from trocar.tasks.suture.needle import NEEDLES
 from trocar.tasks.suture.planning import SutureSetup, suture_joints
 from trocar.tasks.suture.planning.primitive import jaws_above_m
+from trocar.tasks.suture.planning.setup import Puller, Wall
 from trocar.tasks.suture.planning.setup_map import RADII_M, _aimed, grasps, setup_map
 
 PSM, RAVEN = ARMS["psm-classic"], ARMS["raven2-left"]
@@ -77,3 +78,11 @@ def test_grasps_fit_the_needle_scale_the_primitive_and_bring_the_tip_out():
 def test_without_a_grasp_nothing_can_be_sewn():
     found = setup_map(PSM, NEEDLES["PS-2"], np.array([0.05]), np.array([0.1]))
     assert found.radius_m.tolist() == [[0.0]] and found.best is None
+
+
+def test_nothing_is_sewn_from_places_outside_of_the_body_wall_and_less_with_a_second_arm_in_the_way():
+    above = setup_map(PSM, NEEDLES["SH"], np.array([0.05]), np.array([0.10]), wall=Wall(0.06, 0.03))
+    assert not above.setups
+    inside = setup_map(PSM, NEEDLES["SH"], np.array([0.05]), np.array([0.10]), wall=Wall(0.085, 0.03))
+    blocked = setup_map(PSM, NEEDLES["SH"], np.array([0.05]), np.array([0.10]), puller=Puller(0.0, 0.05, 0.1))
+    assert inside.best.wall.up_m == 0.085 and inside.radius_m.max() == RADII_M.max() and not blocked.setups

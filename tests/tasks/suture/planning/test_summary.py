@@ -20,6 +20,7 @@ from trocar.tasks.suture.planning import (
     plan_even,
     suture_joints,
     sutures_at,
+    with_settings,
 )
 from trocar.tasks.suture.planning.parameters import with_parameters
 from trocar.tasks.suture.planning.primitive import jaws_above_m, least_gap_rad, path_samples, tip_poses, turned_to
@@ -106,6 +107,25 @@ def test_depth_is_named_where_it_is_the_depth_that_is_lacking():
     found = re.search(r"all positions the wrist would be (\S+) mm beyond the remote centre, (\S+) mm less", sentence)
     depth, lacking = map(float, found.groups())
     assert depth + lacking == pytest.approx(1e3 * setup.arm.safe_depth_m, abs=0.11)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"base_up_mm": -10}, "the port would lie 10.0 mm under the tissue's surface; move the port$"),
+        ({"wall_up_mm": 110}, "the port would lie 10.0 mm below the body wall; move the port or the wall"),
+        ({"wall_up_mm": 85, "puller_up_mm": 120}, "the second arm's port would lie 5.0 mm above the body wall; move"),
+        ({"wall_up_mm": 40, "wall_thick_mm": 80}, r"deg instrument or needle would be [\d.]+ mm from the body wall, "),
+        ({"wall_up_mm": 20, "wall_thick_mm": 90}, r"at all positions instrument or needle would be .* mm in the body"),
+        (
+            {"puller_azimuth_deg": 225, "puller_sideways_mm": 50, "puller_up_mm": 101},
+            "at all positions where the second arm comes to the needle's tip, the instruments would be .* inside each",
+        ),
+    ],
+)
+def test_a_body_wall_and_a_second_arm_in_the_way_are_named(settings, sentence):
+    joints = dexterity(with_settings(DEFAULT, settings).setup).joints
+    assert re.search(sentence, circle_out_of_reach(joints))
 
 
 def test_no_configuration_at_all_is_said_so():

@@ -35,8 +35,8 @@ def setup(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="What may change, repeatable: circle, port, grasp, or a parameter such as base_tilt_deg; "
-            "default: all three groups.",
+            help="What may change, repeatable: circle, port, grasp, puller (the second port), or a parameter such as "
+            "base_tilt_deg; default: circle, port and grasp.",
         ),
     ] = None,
     bound: Annotated[
@@ -57,13 +57,13 @@ def setup(
     For each setup the plan is the best on its grid; over setups the search is heuristic. Rewards are scaled as for the
     preset. Exit code 1: no plan was found that is feasible and sound in the tissue.
     """
-    from trocar.tasks.suture.planning.setup_search import CERTIFIED, GROUPS, search_setup
+    from trocar.tasks.suture.planning.setup_search import CERTIFIED, GROUPS, USUAL, search_setup
     from trocar.tasks.suture.planning.summary import finite, tissue_summary
 
     chosen = options.chosen_preset(preset, settings)
     start = options.chosen_preset(preset, settings, arm)
     check_out_folder(out, FILES)
-    names = [name for entry in free or GROUPS for name in GROUPS.get(entry) or (_si_name(entry, (*GROUPS,)),)]
+    names = [name for entry in free or USUAL for name in GROUPS.get(entry) or (_si_name(entry, (*GROUPS,)),)]
     positions = FINER * options.grid_of(count, COARSE)
     planner = options.planner_of(count, options.spacing_of(count, search, gap, setup=start.setup))
     with progress() as tick:

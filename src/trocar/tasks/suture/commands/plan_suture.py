@@ -277,7 +277,7 @@ def _plan_table(summary: Mapping[str, Any]) -> Table:
             f"{theta:.4g}",
             direction,
             *("-" if room[name] is None else f"{room[name]:.1f}" for name in shown),
-            f"{value:.4f}",
+            "-" if None in room.values() else f"{value:.4f}",
             style="bold" if value == min(summary["rewards"]) else None,
         )
     return table

@@ -42,7 +42,7 @@ class SuturePlan:
         directions: (n,) each one of ``DIRECTIONS``.
         rewards: (n,) dexterity of each suture.
         feasible: whether in every suture joints stay within their limits, the wrist is deep enough, and the instrument
-            out of the tissue.
+            out of the tissue and clear of what else the setup has.
         bound: proven upper bound on the ``reward`` of all plans on the grid; infinite for plans at any angles. If no
             plan is feasible although the reward puts feasibility first, it bounds the worst infeasible suture.
         certified: which plans ``bound`` covers, in words.

@@ -284,7 +284,7 @@ class SutureJoints:
             where the arm has no real solution. The roll is continuous, in the winding that stays nearest to the middle
             of its range.
         station: (k,) which samples are stations.
-        above_tissue_m: (2, n) least height of fingers, wrist and shaft above the tissue's plane.
+        above_tissue_m: (2, n) least height of fingers, wrist, shaft and port above the tissue's plane.
         inside_wall_m: (2, n) by how much instrument and needle stay farther from the body wall than they must;
             infinite if there is none.
         arms_apart_m: (2, n) likewise the second arm's instrument from the first one's; minus infinity where it cannot
@@ -381,7 +381,7 @@ def with_clearances(
         thetas_rad,
         q,
         samples.station,
-        above_tissue_m(setup.arm, T_circle_tip, samples.opened, q[..., 5]),
+        np.minimum(above_tissue_m(setup.arm, T_circle_tip, samples.opened, q[..., 5]), setup.port_above_tissue_m),
         inside_m,
         apart_m,
     )

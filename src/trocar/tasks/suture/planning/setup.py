@@ -275,6 +275,11 @@ class SutureSetup:
         return self.T_world_base.inverse() @ self.circle.T_world_circle
 
     @property
+    def port_above_tissue_m(self) -> float:
+        """Return the height of the arm's port above the tissue's plane."""
+        return float(self.T_base_circle.inverse().translation_m[2])
+
+    @property
     def exit_turn_rad(self) -> float:
         """Return the rotation of the needle at which its tip leaves the tissue's surface; NaN if it never would."""
         entry_rad, straight_m = self.insertion.entry_angle_rad, self.insertion.straight_m

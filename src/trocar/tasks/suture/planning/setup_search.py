@@ -30,8 +30,11 @@ GROUPS = {
     "circle": ("center_x_m", "center_y_m", "circle_radius_m"),
     "port": ("base_azimuth_rad", "base_sideways_m", "base_up_m", "base_tilt_rad", "base_spin_rad"),
     "grasp": ("grasp_behind_tip_rad", "grasp_approach_rad", "grasp_lean_rad"),
+    "puller": ("puller_azimuth_rad", "puller_sideways_m", "puller_up_m"),
 }
 """Parameters that are searched over together, by name."""
+USUAL = ("circle", "port", "grasp")
+"""The groups that are searched over by default."""
 POPULATION = 48
 COARSE = 72
 """The grid during the search has so many positions, or a few more."""
@@ -77,8 +80,8 @@ def search_setup(
     """Return the best setup found over some of its parameters; never worse than the initial one.
 
     Flat jaws can hold the needle as it is grasped, the instrument stays above the tissue, the bites hold the mesh and
-    do not cross; otherwise only the bounds keep arm and port clear of the patient. Margin and manipulability are scaled
-    alike in all setups; with a scale of its own for each, rewards would not be comparable.
+    do not cross. Without a body wall only the bounds keep arm and port clear of the patient. Margin and manipulability
+    are scaled alike in all setups; with a scale of its own for each, rewards would not be comparable.
 
     Args:
         start: gives reward, scales and grid, of which about ``COARSE`` positions are used during the search.

@@ -20,6 +20,7 @@ from trocar.geometry.capsules import segment_distances_m
 from trocar.tasks.suture.planning.clearance import APART_M, OFF_WALL_M
 from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, setup_values
 from trocar.tasks.suture.planning.primitive import (
+    LIMIT_TOLERANCE,
     ROLL,
     Suture,
     SutureJoints,
@@ -165,8 +166,8 @@ def circle_out_of_reach(joints: SutureJoints) -> str:
     if (height_m := jaws_above_m(joints.setup)) < 0:
         under = f"the jaws would be {shown(-height_m, 'm', '.2g')} under the tissue, wherever the suture is"
         return f"{under}; hold the needle farther behind its tip, or turn the grasp"
-    if misplaced := port_off_wall(joints.setup):
-        return f"{misplaced}; move the port or the wall"
+    if misplaced := misplaced_port(joints.setup):
+        return f"{misplaced}; move the port{' or the wall' if joints.setup.wall.up_m else ''}"
     all_around = not joints.feasible.any()
     parts = [f"at {'all positions' if all_around else _span(arc)} {arc['reason']}" for arc in arcs[:ARCS_NAMED]]
     more = f"; and at {len(arcs) - ARCS_NAMED} more arcs" if len(arcs) > ARCS_NAMED else ""
@@ -188,15 +189,17 @@ def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
     """Return by how much (2, n, 10) each joint leaves its range, as a share of it, and what else lacks likewise.
 
     The last four are what is lacking of the safe depth, and of the distance from tissue, body wall and second arm as
-    shares of the fingers' length.
+    shares of the fingers' length. Where nothing lacks but that the second arm cannot pull the needle through, it is
+    next to nothing.
     """
     arm = joints.arm
+    arms_apart_m = np.where(np.isneginf(joints.arms_apart_m), -LIMIT_TOLERANCE, joints.arms_apart_m)
     shares = (
         *np.moveaxis(joints.excess / (arm.upper - arm.lower), -1, 0),
         joints.too_shallow_m / arm.safe_depth_m,
         *(
             np.maximum(-clear_m, 0.0) / arm.instrument.finger_length_m
-            for clear_m in (joints.above_tissue_m, joints.inside_wall_m, joints.arms_apart_m)
+            for clear_m in (joints.above_tissue_m, joints.inside_wall_m, arms_apart_m)
         ),
     )
     return np.stack(shares, axis=-1)
@@ -205,20 +208,15 @@ def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
 def _reason(joints: SutureJoints, row: int, position: int) -> str:
     """Return in words what the suture at this position, in this row of ``DIRECTIONS``, would need."""
     arm = joints.arm
-    cannot_pull = np.isneginf(joints.arms_apart_m[row, position])
-    if other := port_off_wall(joints.setup) or ("the second arm cannot pull the needle through" if cannot_pull else ""):
-        return other
+    if misplaced := misplaced_port(joints.setup):
+        return misplaced
+    if np.isneginf(joints.arms_apart_m[row, position]):
+        return "the second arm cannot pull the needle through"
     if not np.isfinite(joints.q[row, position]).all():
         return "no configuration of the arm holds the needle as planned"
     nearest = _on_nearest_branch(joints, row, position)
     q, worst = nearest.q[0, 0], int(np.argmax(relative_excess(nearest)))
-    if worst == len(arm.joints):
-        short_m = nearest.too_shallow_m[0, 0]
-        return (
-            f"the wrist would be {shown(arm.safe_depth_m - short_m, 'm')} beyond the remote centre, "
-            f"{shown(short_m, 'm')} less than the safe depth of {shown(arm.safe_depth_m, 'm', '.0f')}"
-        )
-    if worst > len(arm.joints):
+    if worst >= len(arm.joints):
         return _in_the_way(nearest, worst - len(arm.joints))
     joint, values = arm.joints[worst], q[:, worst]
     over, under = float(values.max()) - joint.upper, joint.lower - float(values.min())
@@ -229,8 +227,10 @@ def _reason(joints: SutureJoints, row: int, position: int) -> str:
     )
 
 
-def port_off_wall(setup: SutureSetup) -> str:
-    """Return in words which port lies outside of the body wall; empty if none does."""
+def misplaced_port(setup: SutureSetup) -> str:
+    """Return in words which port lies in the tissue or outside of the body wall; empty if none does."""
+    if (height_m := setup.port_above_tissue_m) < 0:
+        return f"the port would lie {shown(-height_m, 'm')} under the tissue's surface"
     ports = {"the port": setup.T_world_base.translation_m}
     ports |= {"the second arm's port": setup.puller.port_m} if setup.puller.up_m else {}
     for name, port_m in ports.items():
@@ -240,7 +240,13 @@ def port_off_wall(setup: SutureSetup) -> str:
 
 
 def _in_the_way(joints: SutureJoints, which: int) -> str:
-    """Return in words how near one suture's instrument comes to the tissue (1), the body wall (2), the second arm."""
+    """Return in words what one suture lacks: depth (0), distance from tissue (1), body wall (2) or second arm (3)."""
+    if which == 0:
+        safe_m, short_m = joints.arm.safe_depth_m, joints.too_shallow_m[0, 0]
+        return (
+            f"the wrist would be {shown(safe_m - short_m, 'm')} beyond the remote centre, "
+            f"{shown(short_m, 'm')} less than the safe depth of {shown(safe_m, 'm', '.0f')}"
+        )
     if which == 1:
         return f"the instrument would be {shown(-joints.above_tissue_m[0, 0], 'm', '.2g')} under the tissue"
     if which == 2:

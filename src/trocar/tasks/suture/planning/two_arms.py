@@ -32,7 +32,7 @@ from trocar.tasks.suture.planning.pull import (
 from trocar.tasks.suture.planning.rewards import DexterityMap, Preset, dexterity
 from trocar.tasks.suture.planning.segments import UP, Segment
 from trocar.tasks.suture.planning.setup import Puller, SutureSetup
-from trocar.tasks.suture.planning.summary import port_off_wall
+from trocar.tasks.suture.planning.summary import misplaced_port
 from trocar.tasks.suture.stand import T_stand_needle
 
 
@@ -137,7 +137,7 @@ def plan_two_arms(
         OutOfReach: an arm cannot do its part; names what.
     """
     setup = sutures[0].setup
-    if misplaced := port_off_wall(replace(setup, puller=Puller.at(second.T_world_base.translation_m))):
+    if misplaced := misplaced_port(replace(setup, puller=Puller.at(second.T_world_base.translation_m))):
         raise OutOfReach(f"{misplaced}; move it or the wall")
     T_circle_world = setup.circle.T_world_circle.inverse()
     eyes_m = [T_circle_world.apply(camera.translation_m) for camera in cameras]

@@ -60,7 +60,10 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
     _draw_mesh(axes, setup)
     _draw_rings(axes, map, norm)
     _draw_angles(axes, outer)
-    _draw_base(axes, setup, outer)
+    _draw_port(axes, "the arm's base", setup.T_base_circle.inverse().translation_m, outer)
+    if setup.puller.up_m:
+        port_m = setup.circle.T_world_circle.inverse().apply(setup.puller.port_m)
+        _draw_port(axes, "the second arm's port", port_m, outer)
     if plan is not None:
         _draw_arrows(axes, map, plan, norm)
         _label_sutures(axes, setup, plan)
@@ -177,9 +180,9 @@ def _draw_angles(axes: Axes, outer: float) -> None:
     axes.set_ylim(-1.27 * outer, 1.27 * outer)
 
 
-def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
-    """Draw the direction of the arm's base, if the base stands beside the circle."""
-    place = 1e3 * setup.T_base_circle.inverse().translation_m
+def _draw_port(axes: Axes, what: str, p_circle_m: NDArray[np.float64], outer: float) -> None:
+    """Draw the direction of an arm's port (3,), if it is beside the circle."""
+    place = 1e3 * p_circle_m
     away = math.hypot(place[0], place[1])
     if away < 1e-6:
         return
@@ -188,7 +191,7 @@ def _draw_base(axes: Axes, setup: SutureSetup, outer: float) -> None:
     tip, tail, label = (tuple(share * outer * along) for share in (1.15, 1.26, 1.21))
     axes.annotate("", xy=tip, xytext=tail, arrowprops=arrow, annotation_clip=False)
     side = 1 if along[0] > -1e-6 else -1
-    text = f"the arm's base:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above\nthe circle's centre"
+    text = f"{what}:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above\nthe circle's centre"
     aligned = {"ha": "left" if side > 0 else "right", "va": "center", "fontsize": 8, "color": style.VERMILION}
     axes.annotate(text, label, xytext=(14 * side, 0), textcoords="offset points", annotation_clip=False, **aligned)
 
