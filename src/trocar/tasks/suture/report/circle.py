@@ -215,9 +215,10 @@ def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normaliz
 
 def _label_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan) -> None:
     """Write angle and reward of sutures within the circle, and notes below."""
+    between_m = 0.5 * (setup.circle.radius_m + setup.circle.defect_radius_m)
     for i in (labelled := apart(plan)):
         theta = plan.positions_rad[i]
-        x, y = 0.72e3 * setup.circle.radius_m * _toward(theta)
+        x, y = 1e3 * max(0.72 * setup.circle.radius_m, between_m) * _toward(theta)
         text = f"{math.degrees(theta):.4g}°\n{plan.rewards[i]:.3f}"
         axes.text(x, y, text, ha="center", va="center", fontsize=8, color=style.INK, zorder=6)
     names = [DIRECTION_NAMES[direction] for direction in DIRECTIONS]
