@@ -138,7 +138,7 @@ def arms_apart_m(
         needle_tip_m: (2, 3) where the needle's tip is in the end, in the circle's frame at theta = 0.
         q_end: (2, n, 6) the first arm's joints there.
     """
-    known = np.isfinite(q_end).all(-1)
+    known = np.all(np.isfinite(q_end), axis=-1)
     solids = capsules(setup.arm, np.where(known[..., None], q_end, 0.0))
     port_m = setup.T_world_base.inverse().apply(setup.puller.port_m)
     tips = needle_tip_m @ SO3.axis("z", thetas_rad).matrix.swapaxes(-1, -2)  # (n, 2, 3)
