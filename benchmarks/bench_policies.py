@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -32,21 +31,21 @@ WAYS = ("raw", "calibrated")
 SCRIPTS = {"raw": "uncalibrated", "calibrated": "best"}
 DIFFICULTIES = ("mild", "recorded")
 SERVER = Path(__file__).parents[1] / "examples" / "lerobot_server.py"
+PORT = 5599
+"""The address of a policy is part of its run, which another port would not continue."""
 CHECKPOINT = Path("checkpoints", "last", "pretrained_model")
 
 
 @contextmanager
 def served(python: str, folder: Path) -> Iterator[str]:
     """Serve a policy of LeRobot; give its address once it answers."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    command = [python, str(SERVER), str(folder / CHECKPOINT), "--port", str(port)]
+    command = [python, str(SERVER), str(folder / CHECKPOINT), "--port", str(PORT)]
     server = subprocess.Popen(command, env={**os.environ, "HF_HUB_OFFLINE": "1"}, stdout=subprocess.PIPE)
     try:
         assert server.stdout is not None
         if b"serving" not in server.stdout.readline():
             raise SystemExit(f"{folder} could not be served")
-        yield f"tcp://127.0.0.1:{port}"
+        yield f"tcp://127.0.0.1:{PORT}"
     finally:
         server.terminate()
         server.wait()
@@ -124,7 +123,6 @@ def draw(rows: dict[tuple[str, str, str], dict[str, Any]], figure: Figure) -> No
         axes.set_title(difficulty)
     grid[0].set_ylabel("transfers done, %")
     grid[0].legend(loc="lower left")
-    figure.tight_layout()
 
 
 def main() -> None:

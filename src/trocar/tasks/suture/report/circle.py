@@ -25,7 +25,7 @@ from trocar.geometry import TURN
 from trocar.report import style
 from trocar.tasks.suture.planning.plan import SuturePlan
 from trocar.tasks.suture.planning.primitive import Suture, sutures_at
-from trocar.tasks.suture.planning.rewards import DexterityMap
+from trocar.tasks.suture.planning.rewards import NO_SOLUTION, DexterityMap
 from trocar.tasks.suture.planning.setup import CLOCKWISE, DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 MESH, MESH_LINE, DEFECT, BLOCKED = "#F7F5EF", "#E6E1D3", "#EBD5CC", "#D9D9D9"
@@ -83,7 +83,7 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
     usual = "Dexterity: outer ring clockwise, inner ring counterclockwise"
     if plan is not None:
         reach = "" if plan.feasible else ", out of reach"
-        usual = f"{counted(len(plan.rewards), 'suture')}, reward of the worst {plan.reward:.3f}{reach}"
+        usual = f"{counted(len(plan.rewards), 'suture')}, reward of the worst {_shown(plan.reward)}{reach}"
     figure.suptitle(f"{title or usual}\n", x=0.01, ha="left", fontsize=10, fontweight="bold")
 
 
@@ -213,13 +213,18 @@ def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normaliz
         axes.plot(*line[:, 1], "o", color="white", markeredgecolor=style.INK, markersize=6, zorder=5)
 
 
+def _shown(reward: float) -> str:
+    """Return a reward as text; none where no joints hold the needle, whose reward is only a very low number."""
+    return f"{reward:.3f}" if reward > NO_SOLUTION / 100 else "none"
+
+
 def _label_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan) -> None:
     """Write angle and reward of sutures within the circle, and notes below."""
     between_m = 0.5 * (setup.circle.radius_m + setup.circle.defect_radius_m)
     for i in (labelled := apart(plan)):
         theta = plan.positions_rad[i]
         x, y = 1e3 * max(0.72 * setup.circle.radius_m, between_m) * _toward(theta)
-        text = f"{math.degrees(theta):.4g}°\n{plan.rewards[i]:.3f}"
+        text = f"{math.degrees(theta):.4g}°\n{_shown(plan.rewards[i])}"
         axes.text(x, y, text, ha="center", va="center", fontsize=8, color=style.INK, zorder=6)
     names = [DIRECTION_NAMES[direction] for direction in DIRECTIONS]
     notes = [f"outer ring {names[0]}, inner ring {names[1]}"]
