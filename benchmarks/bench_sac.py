@@ -25,19 +25,18 @@ import trocar.learn.envs
 from trocar.eval import TASKS
 from trocar.learn.control import ACTIONS
 from trocar.learn.environment import REWARDS
+from trocar.registry import load_plugin
 
-PLUGIN = str(Path(__file__).parents[1] / "examples" / "own_task.py")
+PLUGIN = str(Path(__file__).parent / "reach.py")
 
 
 def made(seed: int) -> Callable[[], gymnasium.Env]:
     """Return what makes the environment: one ball, four seconds, increments of the tip."""
 
     def make() -> gymnasium.Env:
-        import trocar.learn.envs  # in each process
-
+        load_plugin(PLUGIN)  # in each process
         env: Any = gymnasium.make(
-            trocar.learn.envs.environment_id("own-task") if "own-task" in TASKS else _loaded(),
-            balls=1,
+            trocar.learn.envs.environment_id("reach"),
             budget_s=4.0,
             action="cartesian",
             observation=("state", "objects"),
@@ -50,13 +49,6 @@ def made(seed: int) -> Callable[[], gymnasium.Env]:
         return Monitor(gymnasium.wrappers.RescaleAction(env, -1.0, 1.0))
 
     return make
-
-
-def _loaded() -> str:
-    from trocar.registry import load_plugin
-
-    load_plugin(PLUGIN)
-    return trocar.learn.envs.environment_id("own-task")
 
 
 class Clock(BaseCallback):

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from trocar.arms import MOTION_LIMITS, ik
-from trocar.cell import Cell, Outcome
+from trocar.cell import Outcome
 from trocar.errors import TrocarError
 from trocar.eval import TASKS, AgentContext, Method, Score, Task, TaskReport, option, stopped
 from trocar.geometry import SE3
@@ -77,11 +77,6 @@ class BallWorld(TaskWorld):
                 if ball in self.balls and self.world.geom_arm[other] >= 0:
                     self.touched_s.setdefault(self.balls[ball], time_s)
 
-    def errand(self, goal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return where a ball is: it stays there."""
-        place = self.scene.p_world_balls_m[list(COLOURS).index(goal)]
-        return place, place
-
     def truth(self, record: Record) -> Mapping[str, float]:
         """Return when each ball was touched first."""
         return self.touched_s
@@ -103,27 +98,6 @@ class ColourView:
         near = points[np.linalg.norm(points - np.median(points, axis=0), axis=1) < 2 * RADIUS_M]
         middle = near.mean(axis=0)  # of the cap that faces the camera, two thirds of a radius off
         return middle * (1 + 2 / 3 * RADIUS_M / np.linalg.norm(middle))
-
-
-class BallObjects:
-    """What policies see of the balls: the middle of each in the world, m, as last seen; 0 before that."""
-
-    def __init__(self, cell: Cell, goals: Sequence[str], nominal: None, perception: ColourView):
-        self.cell, self.goals, self.see = cell, goals, perception
-        self.names = [f"{colour}.{axis}" for colour in goals for axis in "xyz"]
-        self.values = np.zeros(3 * len(goals))
-
-    async def watch(self) -> None:
-        """Look twice a second."""
-        name = next(iter(self.cell.cameras))
-        while True:
-            image = await self.cell.cameras[name].capture()
-            for number, colour in enumerate(self.goals):
-                seen = self.see.find(image, colour)
-                if seen is not None:
-                    place = self.cell.T_world_camera_registered[name].apply(seen)
-                    self.values[3 * number : 3 * number + 3] = place
-            await self.cell.clock.sleep(0.5)
 
 
 @dataclass(frozen=True)
@@ -187,7 +161,6 @@ class TouchBalls(Task):
         )
     }
     perceptions: ClassVar = {"colour": ColourView}
-    objects = BallObjects
     report = BallReport()
 
     def __post_init__(self) -> None:

@@ -1,0 +1,65 @@
+"""A task for learners: touch one ball, which the camera finds. It is the own task of ``examples/`` with what they see.
+
+trocar run reach --plugin benchmarks/reach.py --trials 2
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trocar.cell import Cell
+from trocar.eval import TASKS
+
+sys.path.append(str(Path(__file__).parents[1] / "examples"))
+import own_task  # registers a task
+
+
+class BallWorld(own_task.BallWorld):
+    """The balls, with what a dense reward needs."""
+
+    def errand(self, goal: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return where a ball is: it stays there."""
+        place = self.scene.p_world_balls_m[list(own_task.COLOURS).index(goal)]
+        return place, place
+
+
+class BallObjects:
+    """What policies see: the middle of each ball in the world, m, as last seen; 0 before that."""
+
+    def __init__(self, cell: Cell, goals: Sequence[str], nominal: None, perception: Any):
+        self.cell, self.goals, self.see = cell, goals, perception
+        self.names = [f"{colour}.{axis}" for colour in goals for axis in "xyz"]
+        self.values = np.zeros(3 * len(goals))
+
+    async def watch(self) -> None:
+        """Look twice a second."""
+        name = next(iter(self.cell.cameras))
+        while True:
+            image = await self.cell.cameras[name].capture()
+            for number, colour in enumerate(self.goals):
+                seen = self.see.find(image, colour)
+                if seen is not None:
+                    place = self.cell.T_world_camera_registered[name].apply(seen)
+                    self.values[3 * number : 3 * number + 3] = place
+            await self.cell.clock.sleep(0.5)
+
+
+@dataclass(frozen=True)
+class Reach(own_task.TouchBalls):
+    """One ball on a table."""
+
+    balls: int = 1
+    name, about, objects = "reach", "one ball, touched where the camera finds it", BallObjects
+
+    def world(self, scene: own_task.BallScene) -> BallWorld:
+        """Return table, ball and referee."""
+        return BallWorld(scene)
+
+
+TASKS.register(Reach.name, Reach)
