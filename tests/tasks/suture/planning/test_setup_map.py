@@ -25,7 +25,9 @@ def all_round(setup):
 def far():
     """Return the map of places at the edge of the PSM's reach."""
     done = []
-    found = setup_map(PSM, NEEDLES["SH"], np.array([0.105, 0.120]), np.array([0.200]), lambda *now: done.append(now))
+    found = setup_map(
+        PSM, NEEDLES["SH"], np.array([0.105, 0.120]), np.array([0.200]), progress=lambda *now: done.append(now)
+    )
     assert done == [(1, 2), (2, 2)]
     return found
 
