@@ -122,7 +122,7 @@ def draw(rows: dict[tuple[str, str, str], dict[str, Any]], figure: Figure) -> No
         axes.set_ylim(-4, 104)
         axes.set_title(difficulty)
     grid[0].set_ylabel("transfers done, %")
-    grid[0].legend(loc="lower left")
+    grid[0].legend(loc="upper right")
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
@@ -77,13 +78,20 @@ class Processes:
         try:
             yield pool
         finally:
+            ended = threading.Event()  # a join that Ctrl-C interrupts takes its thread for ended (Python 3.11)
+            threading.Thread(target=_shut_down, args=(pool, ended), daemon=True).start()
             try:
-                pool.shutdown(wait=True, cancel_futures=True)
+                ended.wait()
             except KeyboardInterrupt:
                 for worker in multiprocessing.active_children():
                     worker.kill()
-                pool.shutdown(wait=True)  # or the interpreter's own exit wakes a thread that is just ending
+                ended.wait()  # or the interpreter's own exit wakes a thread that is just ending
                 raise
+
+
+def _shut_down(pool: Executor, ended: threading.Event) -> None:
+    pool.shutdown(wait=True, cancel_futures=True)
+    ended.set()
 
 
 def _left_alone() -> None:
