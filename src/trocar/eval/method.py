@@ -13,7 +13,8 @@ import numpy as np
 from trocar.arms import MotionLimits
 from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
-from trocar.eval.task import Objects, Task
+from trocar.eval.objects import Objects
+from trocar.eval.task import Task
 from trocar.motion.plan import Planner
 from trocar.registry import Lazy, Registry
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.excitation import MotionBox
 from trocar.errors import InvalidInput, InvalidValue
@@ -17,6 +16,7 @@ from trocar.registry import Lazy, Registry
 
 if TYPE_CHECKING:
     from trocar.eval.method import Method
+    from trocar.eval.objects import Objects
     from trocar.eval.study import TaskStudy
     from trocar.eval.task_report import TaskReport
     from trocar.sim.world import TaskWorld
@@ -69,27 +69,6 @@ class Score:
         result = "done" if self.succeeded else self.failure or ("failed" if self.attempted else "not attempted")
         why = f": {self.reason}" if self.reason else ""
         return f"<Score {result}, {self.start_s:.1f} to {self.end_s:.1f} s{why}>"
-
-
-class Objects(Protocol):
-    """What perception finds of a task's objects while arms work, as numbers for a policy.
-
-    It is made for each trial from cell, goals, what is known beforehand (``Task.nominal``), and a perception.
-
-    Attributes:
-        names: of the numbers.
-    """
-
-    names: Sequence[str]
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """Return the numbers as now known, each from -1 to 1: m in the world, sines, cosines, yes (1) or no (0)."""
-        ...
-
-    async def watch(self) -> None:
-        """Look again and again, for ever."""
-        ...
 
 
 class Task:

@@ -15,7 +15,7 @@ from trocar.errors import InvalidInput, InvalidValue, MotionRefused, OutOfReach,
 from trocar.geometry import SE3, SO3
 from trocar.learn.poses import WIDTH, action_names, state_names, turn_beside
 from trocar.motion.following import step_towards
-from trocar.perception.image import CameraModel, Image, Intrinsics, RgbdImage, StereoWindow, Window
+from trocar.perception.image import CameraModel, Image, Intrinsics, RgbdImage, whole_window
 from trocar.robots import TICK_S, Compensated
 
 JOINTS, CARTESIAN, ABSOLUTE = "joints", "cartesian", "cartesian-absolute"
@@ -242,7 +242,7 @@ class Eyes:
         """Take images."""
         while True:
             for name, camera in cell.cameras.items():
-                self.last[name] = await camera.capture(_whole(camera.model))
+                self.last[name] = await camera.capture(whole_window(camera.model))  # or it would keep them all
 
     def observe(self) -> dict[str, NDArray[np.uint8]]:
         """Return the last image (height, width, 3) of each camera; black before the first. Both eyes lie abreast."""
@@ -261,11 +261,3 @@ def image_shape(model: CameraModel) -> tuple[int, int, int]:
     """Return height, width and 3 of a camera's image; both eyes lie abreast."""
     eyes = [model] if isinstance(model, Intrinsics) else [model.left, model.right]
     return eyes[0].height, sum(eye.width for eye in eyes), 3
-
-
-def _whole(model: CameraModel) -> Window | StereoWindow:
-    """Return the window of all pixels: a camera keeps only images without a window, and these are too many."""
-    if isinstance(model, Intrinsics):
-        return Window((0, 0), (model.width, model.height))
-    left, right = (Window((0, 0), (eye.width, eye.height)) for eye in (model.left, model.right))
-    return StereoWindow(left, right)

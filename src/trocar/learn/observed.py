@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, UnknownName
 from trocar.eval.method import Agent, AgentContext
-from trocar.eval.task import Objects
+from trocar.eval.objects import Objects
 from trocar.learn.control import ABSOLUTE, IMAGES, OBJECTS, STATE, Control, Eyes
 
 SEEN = (STATE, OBJECTS, IMAGES)

@@ -129,3 +129,11 @@ def _require_colors(item: str, color: NDArray[np.uint8], lens: Intrinsics) -> No
     wanted = (lens.height, lens.width, 3)
     if color.shape != wanted or color.dtype != np.uint8:
         raise InvalidValue(item, f"{color.dtype} of shape {color.shape}", f"its camera takes uint8 {wanted}")
+
+
+def whole_window(model: CameraModel) -> Window | StereoWindow:
+    """Return the window of all pixels; a camera keeps only images that were taken without a window."""
+    if isinstance(model, Intrinsics):
+        return Window((0, 0), (model.width, model.height))
+    left, right = (Window((0, 0), (eye.width, eye.height)) for eye in (model.left, model.right))
+    return StereoWindow(left, right)

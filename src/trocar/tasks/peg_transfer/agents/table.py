@@ -15,7 +15,7 @@ from trocar.perception.image import RgbdImage
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp
-from trocar.tasks.peg_transfer.perception import rgbd_camera
+from trocar.tasks.peg_transfer.perception import depth_camera
 
 if TYPE_CHECKING:
     from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
@@ -34,7 +34,8 @@ class Table:
     def __init__(self, context: AgentContext):
         self.cell, self.settings, self.see = context.cell, context.settings, context.perception
         self.board, self.block = context.nominal.board, context.nominal.block
-        self.camera, self.T_world_camera = rgbd_camera(context.cell)
+        name = depth_camera(context.cell)
+        self.camera, self.T_world_camera = context.cell.cameras[name], context.cell.T_world_camera_registered[name]
         self.T_world_board = context.cell.T_world_fixture["board"]
         self.blocks: dict[int, SE3] = {}
 

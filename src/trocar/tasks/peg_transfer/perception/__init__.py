@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from trocar.cell import Camera, Cell
+from trocar.cell import Cell
 from trocar.errors import InvalidInput
-from trocar.geometry import SE3
 from trocar.perception.image import Intrinsics
 from trocar.tasks.peg_transfer.perception.blocks import find_block, find_held_block
 from trocar.tasks.peg_transfer.perception.board import find_board
@@ -21,9 +20,9 @@ class DepthView:
     find_held_block = staticmethod(find_held_block)
 
 
-def rgbd_camera(cell: Cell) -> tuple[Camera, SE3]:
-    """Return the cell's first camera with depth, and where it is registered."""
+def depth_camera(cell: Cell) -> str:
+    """Return the name of the cell's first camera with depth."""
     for name, camera in cell.cameras.items():
         if isinstance(camera.model, Intrinsics):
-            return camera, cell.T_world_camera_registered[name]
+            return name
     raise InvalidInput("peg-transfer", "needs an RGBD camera, and this cell has none", "add one to the station")

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.cell import Cell
+from trocar.eval.objects import WatchedObjects
 from trocar.geometry import SE3
-from trocar.perception.image import Intrinsics, RgbdImage, Window
+from trocar.perception.image import Image
 from trocar.tasks.peg_transfer.goals import PegSet, Transfer
 from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp
-from trocar.tasks.peg_transfer.perception import rgbd_camera
+from trocar.tasks.peg_transfer.perception import depth_camera
 
-EVERY_S = 1.0
-"""Time from one look to the next."""
-BUDGET_S = 0.25
-"""Time declared for what is found in one image: the board, and then up to twelve blocks."""
 MOVED_M = 1e-3
 """A block that is seen this far from where it was has moved: its grasp is planned anew."""
 _XYZ = tuple(f"position.{axis}" for axis in "xyz")
@@ -28,24 +25,41 @@ _OF_GOAL += (*(f"grasp.{name}" for name in (*_XYZ, "cos_yaw", "sin_yaw", "jaw"))
 _OF_GOAL += (*(f"target.{name}" for name in _XYZ), "done")
 
 
-class PegObjects:
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one image shows.
+
+    Attributes:
+        T_world_board: pose of the board, of the first image that shows it.
+        blocks: poses of the blocks in the board's frame, by peg.
+        grasps: of blocks that have moved: the pose for which each was planned, and the grasp, by peg.
+    """
+
+    T_world_board: SE3
+    blocks: Mapping[int, SE3]
+    grasps: Mapping[int, tuple[SE3, Grasp]]
+
+
+class PegObjects(WatchedObjects):
     """Each transfer's block, how to grasp it, and its target in the world, as last seen.
 
     Of a transfer: the middle (m) of the top face of its block on the source peg, cosine and sine of three times its
     yaw, since its three walls are alike; the tip's position (m), cosine and sine of the yaw of its x axis, and the
     opening of the jaws (rad) in the grasp that ``plan_grasp`` plans for an arm, the nearest one; the middle of the
-    target peg's foot; and whether a block was seen on the target. Before a block has been seen, it and its grasp are
-    where the peg is, and the other numbers are 0. What is hidden stays as it was.
+    target peg's foot; and whether looks showed that it was brought there. Before a block has been seen, it and its
+    grasp are where the peg is, and the other numbers are 0. What is hidden stays as it was.
 
     Attributes:
         names: of the numbers.
         values: the numbers, each from -1 to 1.
     """
 
+    budget_s = 0.25  # the board, and then up to twelve blocks
+
     def __init__(self, cell: Cell, goals: Sequence[Transfer], nominal: PegSet, perception: Any):
-        self._cell, self._goals, self._board, self._block = cell, goals, nominal.board, nominal.block
+        super().__init__(cell, depth_camera(cell))
+        self._goals, self._board, self._block = goals, nominal.board, nominal.block
         self._see, self._T_world_board, self._found = perception, cell.T_world_fixture["board"], False
-        self._camera, self._T_world_camera = rgbd_camera(cell)
         self._arms = list(cell.arms)[: 1 if nominal.variant == "unilateral" else 2]
         self.names = [f"transfer{number}.{name}" for number in range(1, len(goals) + 1) for name in _OF_GOAL]
         self._blocks: dict[int, SE3] = {}
@@ -72,29 +86,15 @@ class PegObjects:
             rows.append(np.hstack([block, grasp, target, float(number in self._done)]))
         return np.clip(np.hstack(rows), -1.0, 1.0)
 
-    async def watch(self) -> None:
-        """Look again and again, for ever."""
-        clock, model = self._cell.clock, self._camera.model
-        assert isinstance(model, Intrinsics)  # it is the camera with depth
-        whole = Window((0, 0), (model.width, model.height))  # a camera keeps images without a window
-        while True:
-            began_s = clock.now_s()
-            image = await self._camera.capture(whole)
-            assert isinstance(image, RgbdImage)
-            seen, seconds = await clock.compute(partial(self._perceived, image), BUDGET_S)
-            self._cell.log.compute("objects", seconds, BUDGET_S)
-            self._take(*seen)
-            await clock.sleep(max(0.0, began_s + EVERY_S - clock.now_s()))
-
-    def _perceived(self, image: RgbdImage) -> tuple[SE3 | None, dict[int, SE3], dict[int, tuple[SE3, Grasp]]]:
-        """Return the board, if one has been seen, and the blocks that are seen, and grasps of those that moved."""
+    def find(self, image: Image) -> Seen | None:
+        """Return the board, the blocks that are seen, and grasps of those that moved; None: no board has been seen."""
         board = self._T_world_board
         if not self._found:
-            found = self._see.find_board(image, self._T_world_camera, self._board, board)
+            found = self._see.find_board(image, self.T_world_camera, self._board, board)
             if isinstance(found, str):
-                return None, {}, {}
+                return None
             board = found
-        T_camera_board = self._T_world_camera.inverse() @ board
+        T_camera_board = self.T_world_camera.inverse() @ board
         pegs = sorted({peg for goal in self._goals for peg in goal})
         seen = {peg: self._see.find_block(image, T_camera_board, self._board, self._block, peg) for peg in pegs}
         blocks = {peg: pose for peg, pose in seen.items() if not isinstance(pose, str)}
@@ -105,22 +105,28 @@ class PegObjects:
             grasp = self._planned(board, blocks[peg]) if off > MOVED_M else None
             if isinstance(grasp, Grasp):
                 grasps[peg] = blocks[peg], grasp
-        return board, blocks, grasps
+        return Seen(board, blocks, grasps)
 
     def _planned(self, T_world_board: SE3, T_board_block: SE3) -> Grasp | str:
-        bases = [self._cell.T_world_base_registered[arm] for arm in self._arms]
+        bases = [self.cell.T_world_base_registered[arm] for arm in self._arms]
         at = (T_world_board @ T_board_block).translation_m
         nearest = int(np.argmin([np.linalg.norm(base.translation_m - at) for base in bases]))
         T_base_board = bases[nearest].inverse() @ T_world_board
-        return plan_grasp(self._cell.arms[self._arms[nearest]], T_base_board, T_board_block, self._board, self._block)
+        return plan_grasp(self.cell.arms[self._arms[nearest]], T_base_board, T_board_block, self._board, self._block)
 
-    def _take(self, T_world_board: SE3 | None, blocks: dict[int, SE3], grasps: dict[int, tuple[SE3, Grasp]]) -> None:
-        if T_world_board is None:
+    def take(self, found: Seen | None) -> None:
+        """Let it be known; a transfer is done once its block was on its source, is not there now, and is on its target.
+
+        Else a block that still lies on the target of a later transfer, which brings it back, would count as brought.
+        """
+        if found is None:
             return
-        self._T_world_board, self._found = T_world_board, True
-        self._blocks |= blocks
-        self._grasps |= grasps
-        self._done |= {number for number, goal in enumerate(self._goals) if goal.target in blocks}
+        self._T_world_board, self._found = found.T_world_board, True
+        self._blocks |= found.blocks
+        self._grasps |= found.grasps
+        for number, goal in enumerate(self._goals):
+            if goal.source in self._blocks and goal.source not in found.blocks and goal.target in found.blocks:
+                self._done.add(number)
 
 
 def _yaw(pose: SE3) -> float:

@@ -1,0 +1,70 @@
+"""What policies see of a task's objects: numbers that perception finds beside whatever the arms do."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.cell import Cell
+from trocar.perception.image import Image, whole_window
+
+
+class Objects(Protocol):
+    """What perception finds of a task's objects while arms work, as numbers for a policy.
+
+    It is made for each trial from cell, goals, what is known beforehand (``Task.nominal``), and a perception.
+
+    Attributes:
+        names: of the numbers.
+    """
+
+    names: Sequence[str]
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Return the numbers as now known, each from -1 to 1: m in the world, sines, cosines, yes (1) or no (0)."""
+        ...
+
+    async def watch(self) -> None:
+        """Look again and again, for ever."""
+        ...
+
+
+class WatchedObjects(ABC):
+    """Objects at which one camera looks again and again; a task says what an image shows, and what follows from it.
+
+    Class attributes:
+        every_s: from one look to the next, on the cell's clock.
+        budget_s: time declared for finding what one image shows.
+    """
+
+    every_s: ClassVar[float] = 1.0
+    budget_s: ClassVar[float]
+
+    def __init__(self, cell: Cell, camera: str):
+        self.cell, self._camera = cell, cell.cameras[camera]
+        self.T_world_camera = cell.T_world_camera_registered[camera]
+
+    @abstractmethod
+    def find(self, image: Image) -> Any:
+        """Return what a whole image shows; nothing changes."""
+
+    @abstractmethod
+    def take(self, found: Any) -> None:
+        """Let what an image showed be known from now on."""
+
+    async def watch(self) -> None:
+        """Look again and again, for ever."""
+        clock, whole = self.cell.clock, whole_window(self._camera.model)
+        while True:
+            began_s = clock.now_s()
+            image = await self._camera.capture(whole)
+            found, seconds = await clock.compute(partial(self.find, image), self.budget_s)
+            self.cell.log.compute("objects", seconds, self.budget_s)
+            self.take(found)
+            await clock.sleep(max(0.0, began_s + self.every_s - clock.now_s()))
