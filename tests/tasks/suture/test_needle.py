@@ -83,3 +83,9 @@ def test_needles_of_the_catalogue_have_the_length_along_the_wire_of_their_packag
     points = needle.point_m(angles)
     assert 1e3 * np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(length_mm, rel=1e-6)
     assert np.degrees(needle.arc_rad) == pytest.approx(360 * circle)
+
+
+def test_an_outline_runs_along_both_sides_of_the_wire():
+    needle = Needle()
+    assert np.abs(needle.distance_m(needle.outline_m)).max() < 1e-9
+    assert {round(float(r), 6) for r in np.linalg.norm(needle.outline_m, axis=1)} == {0.00785, 0.00875}

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from trocar.errors import InvalidInput, TrocarError
+from trocar.eval.config import RunConfig
 from trocar.geometry import SE3, SO3
-from trocar.lab import load_station
+from trocar.lab import load_station, station_text
 from trocar.lab.flaws import Difficulty
 from trocar.tasks.suture.planning import CLOCKWISE
 from trocar.tasks.suture.planning.plan import PlannedSutures, setup_from
@@ -179,6 +180,17 @@ def test_two_arms_work_where_a_second_arm_and_a_stand_are():
         task.at(bare)
     with pytest.raises(InvalidInput, match=r"variant of suture 'no-arm' is unknown; .*choose one of single-arm, two"):
         CircleSutures(variant="no-arm")
+
+
+def test_two_arms_sew_by_the_plan_for_the_second_arm_of_the_runs_station(tmp_path):
+    text = station_text("suture-pair")
+    text = text.replace("[-86.0364654527, 122.8728066433, 100.0]", "[-80.0, 125.0, 110.0]")
+    (tmp_path / "moved.toml").write_text(text)
+    task = CircleSutures(variant="two-arms")
+    there = RunConfig(task, station=str(tmp_path / "moved.toml"), method="blind", calibration="joints").task
+    assert there.plan.setup.puller.port_m == pytest.approx([-0.080, 0.125, 0.110])
+    assert task.plan.setup.puller.port_m == pytest.approx([-0.0860, 0.1229, 0.100], abs=1e-4)
+    assert there.options() == task.options() and TASK.done_at(STATION) is TASK
 
 
 def test_both_arms_are_calibrated_where_they_work():

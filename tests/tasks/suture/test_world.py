@@ -8,13 +8,14 @@ import pytest
 
 from simulated import ideal_session, mild
 from trocar.arms import MOTION_LIMITS, fk
+from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws
 from trocar.lab.flaws import Difficulty
 from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.world import World
 from trocar.tasks.suture.agents.circle import LOAD
-from trocar.tasks.suture.stand import T_stand_needle
+from trocar.tasks.suture.stand import PHANTOM_M, T_stand_needle
 from trocar.tasks.suture.task import CircleSutures
 from trocar.tasks.suture.world import DRAG_NS_M, LOADING_S, SutureWorld
 
@@ -146,7 +147,7 @@ def test_truth_is_told_in_the_circles_frame(lab):
 def test_drag_holds_it_only_below_the_surface(lab):
     held = lab.task
     free = slice(lab.world.model.joint("needle").dofadr[0], None)
-    for height_m, drag in ((0.02, 0.0), (-0.001, DRAG_NS_M)):
+    for height_m, drag in ((-0.001, DRAG_NS_M), (0.02, 0.0)):
         held.in_hand = False
         at = SCENE.T_world_circle.matrix.copy()
         at[2, 3] += height_m
@@ -166,6 +167,45 @@ def test_the_phantom_bears_its_weight(lab):
     for _ in range(500):
         lab.world.step(2)
     assert np.linalg.norm(lab.world.free_pose("needle").translation_m - before) < 1e-6
+
+
+def let_fall(lab, T_circle_needle, seconds):
+    """Let the needle fall from a pose, and return its wire's points in the circle's frame after so much time."""
+    held, data = lab.task, lab.world.data
+    held.in_hand = False
+    at = SCENE.T_world_circle @ T_circle_needle
+    data.qpos[held._qpos] = [*at.translation_m, *at.rotation.as_quaternion()]
+    data.qvel[:] = 0.0
+    for _ in range(round(seconds / 0.002)):
+        held.act()
+        lab.world.step(2)
+    return (SCENE.T_world_circle.inverse() @ lab.world.free_pose("needle")).apply(SCENE.wire_points_m)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("x_m", "ground_m"), [(0.02, 0.0), (0.075, -PHANTOM_M[2] - 0.002)])
+def test_a_needle_that_falls_comes_to_lie_flat_and_stays_there(lab, seed, x_m, ground_m):
+    turn = SO3.exp(2.0 * np.random.default_rng(seed).standard_normal(3))
+    wire = let_fall(lab, SE3.from_parts(turn, [x_m, 0.01, 0.03]), 1.0)
+    np.testing.assert_allclose(wire[:, 2], ground_m + SCENE.needle.wire_m / 2, atol=0.05e-3)
+    again = let_fall(lab, SCENE.T_world_circle.inverse() @ lab.world.free_pose("needle"), 5.0)
+    assert np.abs(again - wire).max() < 0.02e-3
+
+
+def test_a_needle_that_lies_is_touched_by_the_ground_until_jaws_have_it(lab):
+    let_fall(lab, SE3.from_parts(translation_m=[0.0, 0.0, 0.01]), 0.5)
+    ground, needle = (lab.world.model.geom(name).id for name in ("phantom", "needle_0"))
+    assert lab.world.model.geom_contype[needle] & lab.world.model.geom_conaffinity[ground]
+    lab.run(load, 60.0)
+    assert lab.task._gripped(ARM)
+    assert not lab.world.model.geom_contype[needle] & lab.world.model.geom_conaffinity[ground]
+
+
+def test_nothing_but_a_fallen_needle_touches_phantom_stand_or_table(lab):
+    model = lab.world.model
+    for name in ("phantom", "table"):
+        ground = model.geom(name)
+        assert not (model.geom_contype & ground.conaffinity).any() and not ground.contype
 
 
 def test_the_stand_holds_a_needle_about_as_agreed_until_jaws_lift_it_out():

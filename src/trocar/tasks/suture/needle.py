@@ -51,6 +51,13 @@ class Needle:
         angle = np.asarray(behind_tip_rad, dtype=np.float64)
         return self.radius_m * np.stack([-np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=-1)
 
+    @property
+    def outline_m(self) -> NDArray[np.float64]:
+        """Return a closed line (n, 3) along the wire's inner and outer side."""
+        angle = np.linspace(0.0, self.arc_rad, 40)
+        middle, half = self.point_m(angle), 0.5 * self.wire_m / self.radius_m
+        return np.concatenate([(1 + half) * middle, (1 - half) * middle[::-1]])
+
     def tangent(self, behind_tip_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return unit vectors (n, 3) along the wire, away from the tip."""
         angle = np.asarray(behind_tip_rad, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The stand beside the circle that holds the needle before the first suture: a block of foam, as anybody can see it."""
+"""The phantom, and the stand on it that holds the needle before the first suture: blocks, as anybody can see them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.needle import Needle
 
+PHANTOM_M = (0.110, 0.110, 0.012)
+"""Width, depth and thickness of the phantom; the circle is in the middle of its top."""
 STAND_M = (0.018, 0.018, 0.006)
 """Width, depth and height of the block; its frame is in the middle of its top, z up."""
 DEEP_M = 2.5e-3

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.excitation import PSM1_BOX, MotionBox
 from trocar.errors import InvalidInput, OutOfReach, UnknownName
@@ -32,9 +31,10 @@ from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.segments import suture_segments
 from trocar.tasks.suture.planning.settings import preset_of
 from trocar.tasks.suture.planning.summary import plan_out_of_reach
-from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan, plan_pulled, plan_two_arms
+from trocar.tasks.suture.planning.two_arms import TwoArmPlan, plan_pulled, plan_two_arms
 from trocar.tasks.suture.scene import NEEDLE, SutureScene
 from trocar.tasks.suture.score import NeedleTruth, SutureScore, score_sutures
+from trocar.tasks.suture.variants import SINGLE, STATIONS, TWO, pair_of
 
 if TYPE_CHECKING:
     from trocar.sim.world import TaskWorld
@@ -45,9 +45,6 @@ PRESET, DIRECTION, SUTURES = "default", "best", 4
 """The default plan."""
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
 """How far the calibration's motion goes beyond the plan's joints, rad and m, to leave room for corrections."""
-SINGLE, TWO = "single-arm", "two-arms"
-STATIONS = {SINGLE: "suture", TWO: "suture-pair"}
-"""Variants, and where each is done if no station is given."""
 _AGENTS = "trocar.tasks.suture.agents"
 _LOOKING = {
     "agent": Lazy(f"{_AGENTS}:agent_of"),
@@ -56,12 +53,6 @@ _LOOKING = {
 }
 _BLIND = {**_LOOKING, "settings": Lazy(f"{_AGENTS}.circle:blind")}
 _WORLD = Lazy("trocar.tasks.suture.world:SutureWorld")
-
-
-def pair_of(station: Station) -> tuple[NDArray[np.float64], SecondArm]:
-    """Return where the first arm of a station rests (6,), and its second arm."""
-    first, second = (station.arm(name) for name in list(station.arms)[:2])
-    return first.park_q(), SecondArm(second.model, second.T_world_base, second.park_q())
 
 
 @dataclass(frozen=True)
@@ -109,6 +100,9 @@ class CircleSutures(Task):
         "uncalibrated": Method("encoder readings taken at face value; no looks at the needle", **_BLIND),
     }
     report = Lazy("trocar.tasks.suture.report.driven_sutures:SutureReport")
+
+    _station: ClassVar[Station | None] = None
+    """Where two arms are; None: at their usual station."""
 
     def __post_init__(self) -> None:
         if self.variant not in STATIONS:
@@ -165,17 +159,27 @@ class CircleSutures(Task):
 
     @cached_property
     def plan(self) -> PlannedSutures:
-        """Return the plan that was given, or the best even plan of the preset."""
+        """Return the plan that was given, or the best even plan of the preset (that the station's two arms can do)."""
         if self.planned:
             return self.planned
         count = self.sutures or SUTURES
         planner, positions = partial(plan_even, count=count), 360 - 360 % count
         if self.with_two_arms:
-            map, best = plan_pulled(self._chosen, planner, positions, *pair_of(load_station(self.usual_station)))
+            station = self._station or load_station(self.usual_station)
+            map, best = plan_pulled(self._chosen, planner, positions, *pair_of(station))
         else:
             map = dexterity(self.setup, self._chosen.reward, positions)
             best = planner(map)
         return PlannedSutures(map.setup, best.positions_rad, best.directions)
+
+    def done_at(self, station: Station) -> CircleSutures:
+        """Return the task with the plan for the second arm of this station, if there is one."""
+        if self.planned or not self.with_two_arms:
+            return self
+        self._require_pair(station)
+        there = replace(self)
+        object.__setattr__(there, "_station", station)
+        return there
 
     @property
     def usual_station(self) -> str:

@@ -22,7 +22,7 @@ from trocar.sim.spec import INTANGIBLE, SOLID, digits, placed
 from trocar.sim.world import TaskWorld, World
 from trocar.tasks.suture.scene import SutureScene
 from trocar.tasks.suture.score import NeedleTruth
-from trocar.tasks.suture.stand import STAND_M, T_stand_needle
+from trocar.tasks.suture.stand import PHANTOM_M, STAND_M, T_stand_needle
 
 PHANTOM_RGB = (0.86, 0.64, 0.55)
 NEEDLE_RGB = (0.75, 0.77, 0.80)
@@ -37,29 +37,33 @@ LOADING_S = 1.0
 """Time that a person takes to load the needle (assumed; reported as a separate part)."""
 
 
-PHANTOM_M = (0.110, 0.110, 0.012)
-"""Width, depth and thickness of the phantom."""
 DRAG_NS_M = 20.0
 """Viscous drag on the needle's centre while a part of it is below the surface: .2 N at 10 mm/s (assumed; there are no
 tissue mechanics: the phantom bears a needle's weight and drags on it)."""
 APPARENT_KG = 0.1
 """Inertia added to the needle in every direction, so that contacts of a .2 g body are as stiff as those of the jaws;
-driving a needle is quasi-static."""
+driving a needle is quasi-static. A needle that falls, or lies where nobody touches it, has its own alone."""
+UNHELD_S = 0.1
+"""A needle falls when nobody has touched it for so long: closing jaws lose it for moments."""
+GROUND_BIT = 2**30
+"""Of contacts between a needle that has fallen and phantom, stand and table, through which it is driven otherwise."""
+GROUND = {"contype": 0, "conaffinity": GROUND_BIT, "friction": (0.6, 0.002, 0.0001), "solref": (0.002, 1.0)}
+"""Attributes of a geom on which such a needle comes to lie (friction assumed)."""
 LET_GO_N = 1.0
 """A person releases the needle when each finger of the jaws presses with this force, so that they grip it."""
 
 
 def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
-    """Add phantom and stand, visible but without collisions, the circle's marks, and the needle as a free body."""
+    """Add phantom and stand, which only a needle that has fallen touches, the circle's marks, and the needle."""
     width, depth, thickness = PHANTOM_M
     world = spec.worldbody
     phantom = world.add_body(name="phantom", **placed(scene.T_world_circle))
     half = (width / 2, depth / 2, thickness / 2)
     box = {"type": mjtGeom.mjGEOM_BOX, "size": digits(half), "pos": digits((0, 0, -half[2]))}
-    phantom.add_geom(name="phantom", rgba=(*PHANTOM_RGB, 1), **box, **INTANGIBLE)
+    phantom.add_geom(name="phantom", rgba=(*PHANTOM_RGB, 1), **box, **GROUND)
     below = scene.T_world_circle.apply([0.0, 0.0, -thickness])[2] - 0.002
     plane = {"type": mjtGeom.mjGEOM_PLANE, "size": (0.5, 0.5, 0.01), "pos": digits((0, 0, below))}
-    world.add_geom(name="table", **plane, **INTANGIBLE)
+    world.add_geom(name="table", **plane, **GROUND)
     dash = {"type": mjtGeom.mjGEOM_BOX, "size": (0.0003, 0.0008, 0.00005), "rgba": (*MARK_RGB, 1)}
     for index, angle in enumerate(np.linspace(0.0, TURN, MARKS, endpoint=False)):
         at = SE3.from_parts(SO3.axis("z", angle)) @ SE3.from_parts(translation_m=[scene.circle_radius_m, 0.0, 0.0])
@@ -68,7 +72,7 @@ def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
         stand = world.add_body(name="stand", **placed(scene.T_world_stand))
         half = (STAND_M[0] / 2, STAND_M[1] / 2, STAND_M[2] / 2)
         box = {"type": mjtGeom.mjGEOM_BOX, "size": digits(half), "pos": digits((0, 0, -half[2]))}
-        stand.add_geom(name="stand", rgba=(*PHANTOM_RGB, 1), **box, **INTANGIBLE)
+        stand.add_geom(name="stand", rgba=(*PHANTOM_RGB, 1), **box, **GROUND)
     needle = world.add_body(name="needle", **placed(scene.T_world_circle @ SE3.from_parts(translation_m=ASIDE_M)))
     needle.add_freejoint(name="needle")
     wire = {"type": mjtGeom.mjGEOM_CAPSULE, "size": digits((scene.needle.wire_m / 2, 0, 0)), "rgba": (*NEEDLE_RGB, 1)}
@@ -77,7 +81,9 @@ def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
 
 
 class SutureWorld(TaskWorld):
-    """A phantom that collides with nothing, and a needle held by jaws, phantom, stand, or a person.
+    """A needle held by jaws, phantom, stand, or a person, and a phantom that nothing else touches.
+
+    A needle that nobody holds falls, and comes to lie on phantom, stand or table.
 
     Args:
         scene: what lies there.
@@ -110,10 +116,12 @@ class SutureWorld(TaskWorld):
         self._dof = slice(joint.dofadr[0], joint.dofadr[0] + 6)
         turning = self._scene.needle.radius_m**2
         share = np.array([1.0, 1.0, 1.0, turning, turning, turning])
-        world.model.dof_armature[self._dof] = APPARENT_KG * share
+        self._apparent = APPARENT_KG * share
+        world.model.dof_armature[self._dof] = self._apparent
         mujoco.mj_setConst(world.model, world.data)
         self._drag = DRAG_NS_M * share
         self._is_needle = np.isin(np.arange(world.model.ngeom), world.geoms("needle_"))
+        self._of_arm, self._fallen, self._held_s = world.geom_arm >= 0, False, world.data.time
         self.in_hand, self._hand = True, world.data.qpos[self._qpos].copy()
         if self._scene.T_world_stand is not None:
             T = self._scene.T_world_stand @ T_stand_needle(self._scene.needle) @ next(self._loads)
@@ -127,9 +135,19 @@ class SutureWorld(TaskWorld):
         if self.in_hand:
             data.qpos[self._qpos] = self._hand
             data.qvel[self._dof] = 0.0
-        held = self.in_hand or self._inserted() or self._stands()
-        self._world.model.dof_damping[self._dof] = self._drag if held else 0.0
-        self._world.model.body_gravcomp[self._body] = float(held)
+        touched = self._touched()
+        if self._fallen:  # until somebody has it, however fast it meets the ground
+            self._fallen = not (self.in_hand or any(self._gripped(arm) for arm in self._world.arms))
+        held = not self._fallen and (self.in_hand or self._inserted() or self._stands())
+        if held or touched:
+            self._held_s = data.time
+        self._fallen |= data.time - self._held_s > UNHELD_S
+        model = self._world.model
+        model.dof_damping[self._dof] = self._drag if held or (self._fallen and touched) else 0.0
+        model.body_gravcomp[self._body] = float(held)
+        model.dof_armature[self._dof] = 0.0 if self._fallen and not touched else self._apparent
+        meets = SOLID["contype"] | (GROUND_BIT if self._fallen else 0)
+        model.geom_contype[self._is_needle] = model.body_contype[self._body] = meets
 
     def observe(self, time_s: float) -> None:
         """Note who holds the needle."""
@@ -174,14 +192,21 @@ class SutureWorld(TaskWorld):
         self.in_hand = True
 
     def _inserted(self) -> bool:
-        """Return whether a part of the wire is below the phantom's surface."""
-        return bool((self._wire_in(self._circle_world)[:, 2] < 0.0).any())
+        """Return whether a part of the wire is in the phantom."""
+        return self._within(PHANTOM_M, self._circle_world)
 
     def _stands(self) -> bool:
         """Return whether a part of the wire is in the stand's foam."""
-        if self._stand_world is None:
-            return False
-        p, (width, depth, height) = self._wire_in(self._stand_world), STAND_M
+        return self._stand_world is not None and self._within(STAND_M, self._stand_world)
+
+    def _touched(self) -> bool:
+        """Return whether an instrument touches the needle."""
+        pairs = self._world.data.contact.geom[: self._world.data.ncon]
+        return bool((self._is_needle[pairs].any(1) & self._of_arm[pairs].any(1)).any())
+
+    def _within(self, size_m: tuple[float, float, float], T_block_world: NDArray[np.float64]) -> bool:
+        """Return whether a part of the wire is in a block, whose frame is in the middle of its top, z up."""
+        p, (width, depth, height) = self._wire_in(T_block_world), size_m
         inside = (np.abs(p[:, 0]) < width / 2) & (np.abs(p[:, 1]) < depth / 2) & (p[:, 2] < 0) & (p[:, 2] > -height)
         return bool(inside.any())
 

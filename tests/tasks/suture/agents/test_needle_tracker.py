@@ -91,7 +91,7 @@ def test_after_the_last_looks_the_needle_goes_through_the_surface_without_a_stop
 
 def test_the_camera_nearest_to_the_circle_is_used_and_a_cell_without_one_is_refused():
     lab = laboratory()
-    used = agent_in(lab, Settings()).tracker._camera
+    used = agent_in(lab, Settings()).tracker.camera
     assert used is lab.cell.cameras["close"]
     lab.cell = replace(lab.cell, cameras={})
     with pytest.raises(TrocarError, match="no camera of this cell shows depth, to look at the needle; choose --method"):
@@ -168,7 +168,7 @@ def test_a_look_corrects_the_cameras_height_by_the_floor_it_shows():
         await tracker.look()
 
     lab.run(script, 10.0)
-    seen_from = TASK.setup.T_world_base @ tracker._T_base_camera
+    seen_from = TASK.setup.T_world_base @ tracker.T_base_camera
     np.testing.assert_allclose(seen_from.translation_m, true.translation_m, atol=0.03e-3)
 
 

@@ -15,6 +15,7 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.suture.agents import agent_of
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings
 from trocar.tasks.suture.agents.two_arms import TwoArmSuturing
+from trocar.tasks.suture.planning.segments import retreat
 from trocar.tasks.suture.score import ON_TARGET_M, score_sutures
 from trocar.tasks.suture.task import CircleSutures
 
@@ -24,6 +25,8 @@ STATION = coarse(TASK.at(load_station(TASK.usual_station)))
 ARMS = TASK.working_arms(STATION)
 BLIND = Settings(driving_speed_m_s=0.016, travel_speed_m_s=0.05, images=0)
 """Faster than the defaults, so that the tests are too; where nothing errs, nothing has to be looked at."""
+
+LOOKING = replace(BLIND, images=1)
 
 
 def laboratory():
@@ -44,13 +47,30 @@ def briefed(cell: Cell, sutures=GOALS[:1], arms=ARMS, settings=BLIND):
     )
 
 
-def sew(sutures, change=lambda agent: None):
+def sew(sutures, change=lambda agent: None, settings=BLIND):
     """Return the laboratory in which these sutures were sewn, and their scores; ``change`` sees the agent first."""
     lab = laboratory()
-    agent = agent_of(briefed(lab.cell, sutures))
+    agent = agent_of(briefed(lab.cell, sutures, settings=settings))
     change(agent)
     assert lab.run(lambda cell: agent.run(), TASK.budget_s)
     return lab, score_sutures(sutures, lab.truth(), lab.log.events)
+
+
+def opens_during(agent, wanted):
+    """Have the second arm's jaws open half-way along its first step of this name, and close at its end."""
+    follow = agent.puller.follow
+
+    async def follow_and_open(segment, speed_m_s):
+        if segment.name != wanted:
+            return await follow(segment, speed_m_s)
+        agent.puller.follow = follow
+        assert await follow(segment.first(len(segment.q) // 2), speed_m_s)
+        await agent.puller.hand.jaw(agent.settings.jaw_open_rad)
+        await follow(replace(segment, q=segment.q[len(segment.q) // 2 :]), speed_m_s)
+        await agent.puller.hand.jaw(agent.settings.jaw_closed_rad)
+        return True
+
+    agent.puller.follow = follow_and_open
 
 
 def steps(lab, suture):
@@ -136,9 +156,56 @@ def test_a_needle_that_the_second_arm_drops_ends_the_trial_by_its_name():
         agent.puller.pull = pull_and_drop
 
     lab, scores = sew(GOALS[:2], clumsy)
-    assert [score.failure for score in scores] == ["", "NEEDLE_DROPPED"], "the first was through before it fell"
-    assert "neither arm has the needle" in scores[1].reason
-    assert any(event["name"] == "stopped" for event in lab.log.events)
+    noted = [event["outcome"] for event in lab.log.events if event["name"] == "suture"]
+    assert noted == ["NEEDLE_DROPPED", "NOT_DRIVEN"]
+    assert [score.failure for score in scores] == ["", "NOT_DRIVEN"], "the first was through before it fell"
+    assert "neither arm has the needle, and nothing looks for it" in scores[1].reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wanted", ["rotate", "push 2"])
+def test_a_needle_that_the_first_arm_loses_in_the_tissue_is_found_there_and_driven_on(wanted):
+    def clumsy(agent):
+        follow = agent.follow
+
+        async def follow_and_open(number, segment, speed_m_s=None):
+            if segment.name != wanted or len(segment.q) < 8:
+                return await follow(number, segment, speed_m_s)
+            agent.follow = follow
+            half = len(segment.q) // 2
+            assert not await follow(number, segment.first(half), speed_m_s)
+            await agent.hand.jaw(agent.settings.jaw_open_rad)
+            for away in retreat(GOALS[0].setup, agent.hand.q):
+                assert not await follow(number, away)
+            await agent.hand.jaw(agent.settings.jaw_closed_rad)
+            return ""
+
+        agent.follow = follow_and_open
+
+    lab, scores = sew(GOALS[:1], clumsy, LOOKING)
+    assert [event["name"] for event in lab.log.events].count("needle lost") == 1
+    assert [score.failure for score in scores] == [""]
+
+
+@pytest.mark.slow
+def test_a_needle_that_falls_is_found_where_it_lies_and_the_arms_retreat():
+    lab, scores = sew(GOALS[:3], lambda agent: opens_during(agent, "lift"), LOOKING)
+    assert [score.failure for score in scores] == ["", "NOT_DRIVEN", "NOT_DRIVEN"]
+    lies = next(event for event in lab.log.events if event["name"] == "needle lies")
+    needle = lab.truth().T_circle_needle[-1].translation_m
+    np.testing.assert_allclose([float(lies["x_mm"]), float(lies["y_mm"])], 1e3 * needle[:2], atol=0.2)
+    assert f"lies at x {lies['x_mm']:.1f} mm, y {lies['y_mm']:.1f} mm" in scores[1].reason
+    for name in ARMS:
+        assert lab.cell.robot.setpoint(name).q == pytest.approx(STATION.arm(name).park_q(), abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_needle_that_the_second_arm_loses_in_the_tissue_is_found_there_and_pulled_on():
+    lab, scores = sew(GOALS[:1], lambda agent: opens_during(agent, "pull"), LOOKING)
+    assert [event["name"] for event in lab.log.events].count("needle lost") == 1
+    assert [score.failure for score in scores] == [""]
+    truth = lab.truth()
+    assert truth.in_hand[-1] and truth.p_circle_needle_tip_m[-1, 2] > 0.01
 
 
 def test_arms_that_cannot_do_their_part_say_so_before_anything_moves():

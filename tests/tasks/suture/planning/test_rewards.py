@@ -114,3 +114,12 @@ def test_a_second_arm_changes_what_is_feasible_and_no_rewards():
     paired = dexterity(with_settings(PRESETS["default"], {"puller_up_mm": 100}).setup)
     np.testing.assert_array_equal(paired.values, alone.values)
     assert (alone.joints.feasible & ~paired.joints.feasible).any() and paired.feasible.all()
+
+
+def test_the_span_of_rewards_leaves_out_sutures_that_no_joints_can_make():
+    found = dexterity(PRESETS["default"].setup, positions=36)
+    feasible = found.values[found.joints.feasible]
+    assert found.span(np.array([-680.0])) == (feasible.min(), feasible.max())
+    found.joints.feasible[:] = False
+    assert found.span(np.array([-680.0, 0.25, 0.5])) == (0.25, 0.5)
+    assert found.span(np.array([-680.0])) == (0.0, 1.0)

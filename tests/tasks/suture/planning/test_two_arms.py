@@ -9,7 +9,7 @@ from trocar.errors import OutOfReach
 from trocar.lab import load_station
 from trocar.tasks.suture.planning import PRESETS, plan_even, two_arms
 from trocar.tasks.suture.planning.summary import circle_out_of_reach
-from trocar.tasks.suture.task import pair_of
+from trocar.tasks.suture.variants import pair_of
 
 PAIR = pair_of(load_station("suture-pair"))
 POSITIONS, COUNT = 24, 4

@@ -12,6 +12,7 @@ from matplotlib.patches import FancyArrowPatch, Wedge
 from trocar.geometry import SE3
 from trocar.report import style
 from trocar.tasks.suture.planning import PRESETS, Circle, Spacing, dexterity, plan_even, plan_gaps
+from trocar.tasks.suture.planning.settings import with_settings
 from trocar.tasks.suture.planning.study import study
 from trocar.tasks.suture.planning.summary import plan_summary
 from trocar.tasks.suture.report.circle import apart, draw_plan
@@ -57,7 +58,7 @@ def test_the_base_is_told_as_seen_from_the_circles_centre(tmp_path, monkeypatch)
     monkeypatch.setattr(Axes, "annotate", lambda axes, text, *_, **__: texts.append(text))
     draw_plan(found, plan_even(found), tmp_path / "plan.png")
     base = 50 * np.array([np.cos(np.radians(225)), np.sin(np.radians(225))]) - [20, -30]
-    assert f"{np.hypot(*base):.0f} mm beside,\n90 mm above\nthe circle's centre" in "".join(texts)
+    assert f"{np.hypot(*base):.0f} mm beside, 90 mm above the circle's centre" in " ".join(texts).replace("\n", " ")
 
 
 @pytest.fixture
@@ -71,6 +72,28 @@ def figure(monkeypatch, tmp_path):
         return figures.pop()
 
     return draw
+
+
+@pytest.mark.parametrize("azimuth_deg", range(-180, 180, 30))
+def test_no_text_of_a_plan_leaves_the_picture_or_meets_the_colour_bar(figure, azimuth_deg):
+    ports = {"base_azimuth_deg": azimuth_deg, "puller_up_mm": 100.0, "puller_azimuth_deg": azimuth_deg + 140.0}
+    found = dexterity(with_settings(DEFAULT, ports).setup, positions=36)
+    drawn = figure(draw_plan, found, plan_even(found))
+    drawn.draw_without_rendering()
+    axes, bar = drawn.axes
+    boxes = [text.get_window_extent() for text in [*axes.texts, bar.yaxis.label, *drawn.texts, drawn._suptitle]]
+    left = [box for box in boxes if box.p0.min() < 0.0 or (box.p1 > drawn.bbox.p1).any()]
+    assert not left
+    ports = [text.get_window_extent() for text in axes.texts if "port" in text.get_text() or "base" in text.get_text()]
+    assert len(ports) == 2 and not any(box.overlaps(bar.get_window_extent()) for box in ports)
+
+
+@pytest.mark.parametrize("margin", ["smallest", "paper"])
+def test_no_label_of_the_reasons_leaves_the_picture(figure, margin):
+    found = dexterity(DEFAULT.setup, replace(DEFAULT.reward, margin=margin), 36)
+    drawn = figure(draw_reasons, found, plan_even(found))
+    drawn.draw_without_rendering()
+    assert all(axes.yaxis.label.get_window_extent().x0 > drawn.bbox.x0 for axes in drawn.axes)
 
 
 def test_each_suture_is_labelled_where_it_is_with_its_angle_and_reward(figure):

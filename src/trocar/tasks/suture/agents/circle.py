@@ -15,6 +15,7 @@ from trocar.cell import Cell
 from trocar.errors import InvalidInput, MotionRefused
 from trocar.eval import AgentContext
 from trocar.robots.arm_script import ArmScript
+from trocar.tasks.suture.agents.lost_needle import drive_on
 from trocar.tasks.suture.agents.needle_tracker import Aim, NeedleTracker, Stretch, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
@@ -217,7 +218,13 @@ class CircleSuturing:
             await self.open()
             await self.leave(number, *retreat(suture.setup, self.hand.q))
             return End(SutureOutcome.JOINT_LIMIT, reason)
-        return await self._regrip(number, stretch, *leaving) if segment.regrasps else None
+        if segment.regrasps:
+            return await self._regrip(number, stretch, *leaving)
+        lost = tracker and segment.name.startswith(TURNS) and self.hand.jaw_rad <= self.settings.jaw_empty_rad
+        if lost and not await drive_on(self, number, stretch.segment):
+            await self.leave(number, *leaving)
+            return missed(number, f"the jaws lost the needle in {segment.name}")
+        return None
 
     async def _regrip(self, number: int, stretch: Stretch, *leaving: Segment) -> End | None:
         """Close the jaws on the needle in the tissue; return how the suture ended, if they missed it."""

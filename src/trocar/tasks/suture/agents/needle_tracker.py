@@ -151,8 +151,11 @@ class NeedleTracker:
 
     Attributes:
         estimator: of the errors of the arm's tip and of the needle in its jaws.
+        setup: geometry in which the needle was taken last.
         seen: whether the needle was seen at the last look.
         T_base_floor: the plane over which the needle is seen, z up: the circle's, if nothing else is said.
+        camera: with which it looks.
+        T_base_camera: where that is, as far as looks tell.
 
     Raises:
         InvalidInput: no camera shows depth.
@@ -173,9 +176,10 @@ class NeedleTracker:
             raise InvalidInput("no camera of this cell", "shows depth, to look at the needle", "choose --method blind")
         T_world_camera, p_circle_m = cell.T_world_camera_registered, cell.T_world_fixture["circle"].translation_m
         nearest = min(lenses, key=lambda name: np.linalg.norm(T_world_camera[name].translation_m - p_circle_m))
-        self._camera, self._lens = cell.cameras[nearest], lenses[nearest]
-        self._T_base_camera = cell.T_world_base_registered[hand.name].inverse() @ T_world_camera[nearest]
-        self._log, self._hand, self._setup = cell.log, hand, setup
+        self.camera, self._lens, self._camera_name = cell.cameras[nearest], lenses[nearest], nearest
+        self._outline_m = setup.needle.outline_m
+        self.T_base_camera = cell.T_world_base_registered[hand.name].inverse() @ T_world_camera[nearest]
+        self._log, self._hand, self.setup = cell.log, hand, setup
         self._images, self._budget_s, self._start_budget_s = images, budget_s, start_budget_s
         holds = [step for step in driven_steps(setup) if step.holds and step.name != "penetrate"]
         self._back_rad = [step.back_rad for step in holds]
@@ -186,13 +190,13 @@ class NeedleTracker:
         T_world_base = cell.T_world_base_registered
         self._to_others = {o: T_world_base[o.name].inverse() @ T_world_base[hand.name] for o in others}
         self._grips, self.seen = 0, False
-        self._tip_error, self._T_tip_needle = np.zeros(6), self._T_tip_needle_planned
+        self._tip_error, self._T_tip_needle = np.zeros(6), self.T_tip_needle_planned
         self._aim, self._fixed_wrist = Aim.POSE, False
 
     def loaded(self) -> None:
         """Note that a person has loaded the needle."""
         self._grips, self.seen = 0, False
-        self.estimator.loaded(self._T_tip_needle_planned)
+        self.estimator.loaded(self.T_tip_needle_planned)
 
     def rests(self, needle: NeedleEstimate) -> None:
         """Note that something else holds the needle still, about here in the arm's base."""
@@ -201,8 +205,8 @@ class NeedleTracker:
 
     def took(self, setup: SutureSetup) -> None:
         """Note that the jaws have closed, in the grasp of this setup, on the needle that something else held."""
-        self._setup, self._grips = setup, 0
-        self.estimator.regrasped(self._T_base_tip, self._T_tip_needle_planned, TAKING)
+        self.setup, self._grips = setup, 0
+        self.estimator.regrasped(self._T_base_tip, self.T_tip_needle_planned, TAKING)
 
     @property
     def needle(self) -> NeedleEstimate:
@@ -219,7 +223,7 @@ class NeedleTracker:
     def with_needle(self, segment: Segment) -> Segment:
         """Return a way on which the needle, however it lies in the jaws, goes as planned, from where the arm is."""
         T_base_tip = fk(self._hand.model, segment.q)
-        planned = T_base_tip @ self._T_tip_needle_planned
+        planned = T_base_tip @ self.T_tip_needle_planned
         self._tip_error, self._T_tip_needle = self.estimator.tip_error(T_base_tip[-1]), self.estimator.T_tip_needle
         wanted = planned @ self._T_tip_needle.inverse()
         return self._from_here(
@@ -233,18 +237,18 @@ class NeedleTracker:
     @property
     def well_loaded(self) -> bool:
         """Return whether the needle was seen in the jaws, about as a person should have put it there."""
-        off = (self._T_tip_needle_planned.inverse() @ self.estimator.T_tip_needle).log()
+        off = (self.T_tip_needle_planned.inverse() @ self.estimator.T_tip_needle).log()
         return self.seen and bool(np.linalg.norm(off[:3]) < MISLOADED_M and np.linalg.norm(off[3:]) < MISLOADED_RAD)
 
     def released(self) -> None:
         """Note that the jaws are about to open, and the tissue holds the needle."""
         self.estimator.released(self._T_base_tip)
 
-    def gripped(self) -> None:
-        """Note that the jaws have closed again on the needle."""
-        self._grips += 1
+    def gripped(self, lost: bool = False) -> None:
+        """Note that the jaws have closed again on the needle, further back if they had not ``lost`` it."""
+        self._grips += not lost
         if self.estimator.rests:
-            self.estimator.regrasped(self._T_base_tip, self._T_tip_needle_planned)
+            self.estimator.regrasped(self._T_base_tip, self.T_tip_needle_planned)
 
     def aim(self, stretch: Stretch) -> None:
         """Correct the path from now on by the estimates of arm and needle."""
@@ -276,16 +280,16 @@ class NeedleTracker:
             if self._aim is Aim.TIP:
                 with suppress(OutOfReach):
                     return replace(segment, q=self._with_planned_wrist(segment.q))
-            wanted = T_base_tip @ self._T_tip_needle_planned @ self._T_tip_needle.inverse()
+            wanted = T_base_tip @ self.T_tip_needle_planned @ self._T_tip_needle.inverse()
         else:
-            planned = T_base_tip[0] @ self._T_tip_needle_planned
+            planned = T_base_tip[0] @ self.T_tip_needle_planned
             wanted = self._estimate.T_base_needle @ planned.inverse() @ T_base_tip
         return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
 
     def _with_planned_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joints (k, 6) that take the needle's tip along its path, turning the wrist as planned and no more."""
         off = self._tip_error
-        wanted_m = (fk(self._hand.model, planned) @ self._T_tip_needle_planned).apply(self._p_needle_tip_m) - off[:3]
+        wanted_m = (fk(self._hand.model, planned) @ self.T_tip_needle_planned).apply(self._p_needle_tip_m) - off[:3]
         q = planned.copy()
         turning = 0.0 if self._fixed_wrist else 1.0
         q[:, OUTER:] = self._hand.q[OUTER:] + turning * (planned - planned[0])[:, OUTER:]
@@ -307,14 +311,16 @@ class NeedleTracker:
         with self._log.span(self._hand.name, "looking"):
             before = self._estimate
             window = self._window(before)
-            taken = [await self._camera.capture(window) for _ in range(self._images)]
+            taken = [await self.camera.capture(window) for _ in range(self._images)]
         images = [image for image in taken if isinstance(image, RgbdImage)]
-        starts = search_starts(before.T_base_needle, before.covariance, self._setup.needle)
+        starts = search_starts(before.T_base_needle, before.covariance, self.setup.needle)
         budget_s = self._budget_s + (len(starts) - 1) * self._start_budget_s
         seen = await self._hand.compute("perception", budget_s, partial(self._sight, images, before))
-        self.seen = accepted = seen is not None and self.estimator.update(self._T_base_tip, self._T_base_camera, seen)
+        self.seen = accepted = seen is not None and self.estimator.update(self._T_base_tip, self.T_base_camera, seen)
+        if seen is not None:
+            self._log.saw(self._camera_name, images[-1], {"needle": seen.T_camera_needle.apply(self._outline_m)})
         off = (before.T_base_needle.inverse() @ self._estimate.T_base_needle).log()
-        tip_m = (self._setup.T_base_circle.inverse() @ self._estimate.T_base_needle).apply(self._p_needle_tip_m)
+        tip_m = (self.setup.T_base_circle.inverse() @ self._estimate.T_base_needle).apply(self._p_needle_tip_m)
         self._log.event(
             "needle not seen" if seen is None else "needle seen",
             accepted=accepted,
@@ -342,9 +348,9 @@ class NeedleTracker:
 
     def _window(self, expected: NeedleEstimate) -> Window:
         """Return the rectangle of pixels round the needle."""
-        needle = self._setup.needle
+        needle = self.setup.needle
         wire = needle.point_m(np.linspace(0.0, needle.arc_rad, 40))
-        seen = project(self._lens, (self._T_base_camera.inverse() @ expected.T_base_needle).apply(wire))
+        seen = project(self._lens, (self.T_base_camera.inverse() @ expected.T_base_needle).apply(wire))
         most = np.array([self._lens.width, self._lens.height]) - 1
         lower, upper = (np.clip(at, 0, most).astype(int) for at in (seen.min(0) - ROUND_PX, seen.max(0) + ROUND_PX))
         return Window((int(lower[0]), int(lower[1])), (int(upper[0] - lower[0] + 1), int(upper[1] - lower[1] + 1)))
@@ -352,10 +358,10 @@ class NeedleTracker:
     def _sight(self, images: Sequence[RgbdImage], expected: NeedleEstimate) -> NeedleSighting | None:
         """Find the needle in images; the instrument may hide it."""
         self._level(images, expected)
-        T_camera_base, T_base_tip = self._T_base_camera.inverse(), self._T_base_tip
+        T_camera_base, T_base_tip = self.T_base_camera.inverse(), self._T_base_tip
         solids = [InstrumentSolids.of(hand.model, hand.q, hand.jaw_rad) for hand in (self._hand, *self._to_others)]
-        T_solids_camera = [T_base_tip @ self.estimator.tip(T_base_tip).inverse() @ self._T_base_camera]
-        T_solids_camera += [T_other_base @ self._T_base_camera for T_other_base in self._to_others.values()]
+        T_solids_camera = [T_base_tip @ self.estimator.tip(T_base_tip).inverse() @ self.T_base_camera]
+        T_solids_camera += [T_other_base @ self.T_base_camera for T_other_base in self._to_others.values()]
 
         def distance_m(points: NDArray[np.float64]) -> NDArray[np.float64]:
             """Return how far points (n, 3) in the camera's frame are from the nearest instrument."""
@@ -366,18 +372,18 @@ class NeedleTracker:
             images,
             T_camera_base @ expected.T_base_needle,
             expected.covariance,
-            self._setup.needle,
+            self.setup.needle,
             T_camera_base @ self.T_base_floor,
             distance_m,
         )
 
     def _level(self, images: Sequence[RgbdImage], expected: NeedleEstimate) -> None:
         """Correct the camera's height by the floor that it shows: an error of it moves the entry 1.7 times as much."""
-        T_camera_base = self._T_base_camera.inverse()
-        places = T_camera_base @ expected.T_base_needle, self._setup.needle, T_camera_base @ self.T_base_floor
+        T_camera_base = self.T_base_camera.inverse()
+        places = T_camera_base @ expected.T_base_needle, self.setup.needle, T_camera_base @ self.T_base_floor
         if (height_m := floor_height_m(images, *places)) is not None:
             up = self.T_base_floor.rotation.matrix[:, 2]
-            self._T_base_camera = SE3.from_parts(translation_m=-height_m * up) @ self._T_base_camera
+            self.T_base_camera = SE3.from_parts(translation_m=-height_m * up) @ self.T_base_camera
 
     @property
     def _estimate(self) -> NeedleEstimate:
@@ -388,7 +394,7 @@ class NeedleTracker:
         return fk(self._hand.model, self._hand.q)
 
     @property
-    def _T_tip_needle_planned(self) -> SE3:
+    def T_tip_needle_planned(self) -> SE3:
         """Return how the needle should lie in the jaws after the regrasps so far."""
         back = SE3.from_parts(SO3.axis("z", -self._back_rad[self._grips]))
-        return (back @ grasp_pose(self._setup)).inverse()
+        return (back @ grasp_pose(self.setup)).inverse()

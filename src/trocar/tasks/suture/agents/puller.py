@@ -11,6 +11,7 @@ from trocar.cell import Cell
 from trocar.errors import MotionRefused, TooNear
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.circle import JOINED, Settings, along
+from trocar.tasks.suture.agents.lost_needle import grip_from, places_on_arc
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
 from trocar.tasks.suture.planning.handover import Handover
@@ -77,23 +78,59 @@ class Puller:
     async def pull(self, pull: Pull) -> bool:
         """Pull the needle, which the jaws hold in the first grip, through along its arc, draw it out and lift it.
 
+        Where they lose it in the tissue, they take it again.
+
         Returns:
             Whether the jaws still hold it.
         """
         first, last = pull.grips
-        if not await self._move_needle(*grip_segments(first)[1:2]):
+        if not await self._carry(first):
             return False
         needle = self.tracker.needle if self.tracker else None
-        await self.hand.jaw(self.settings.jaw_open_rad)
-        leave = grip_segments(first)[2]
-        back = replace(leave, q=leave.q + (self.hand.q - leave.q[0]))
-        if not await self.follow(back, self.settings.travel_speed_m_s):
+        if not await self._open_and_leave(first):
             return False
         if self.tracker and needle:
             self.tracker.rests(needle)
             await self.tracker.find()
             needle = self.tracker.needle
-        return await self.grasp(last, needle) and await self._move_needle(grip_segments(last)[1], *out_segments(last))
+        return await self.grasp(last, needle) and await self._carry(last, out=True)
+
+    async def _carry(self, grip: Grip, out: bool = False) -> bool:
+        """Move the needle along a grip's way, and then out; take it again where the jaws lose it in the tissue.
+
+        Returns:
+            Whether the jaws hold it at the end.
+        """
+        left: Grip | None = grip
+        for _ in range(GRASPS):
+            if await self._move_needle(grip_segments(left)[1], *(out_segments(left) if out else ())):
+                return True
+            if self.holds or (left := await self._take_again(left)) is None:
+                return False
+        return False
+
+    async def _take_again(self, grip: Grip) -> Grip | None:
+        """Find the needle that the jaws lost, and grasp it; return what is left of the grip's way, if they have it."""
+        if not self.tracker:
+            return None
+        self.cell.log.event("needle lost", arm=self.hand.name)
+        if not await self._open_and_leave(grip):
+            return None
+        for place in places_on_arc(grip):
+            self.tracker.rests(place)
+            await self.tracker.look()
+            if self.tracker.seen:
+                needle = self.tracker.needle
+                left = grip_from(grip, needle.T_base_needle)
+                return left if left and await self.grasp(left, needle) else None
+        return None
+
+    async def _open_and_leave(self, grip: Grip) -> bool:
+        """Open the jaws and go away from the needle; return whether that was possible."""
+        await self.hand.jaw(self.settings.jaw_open_rad)
+        leave = grip_segments(grip)[2]
+        back = replace(leave, q=leave.q + (self.hand.q - leave.q[0]))
+        return await self.follow(back, self.settings.travel_speed_m_s)
 
     async def _move_needle(self, *segments: Segment) -> bool:
         """Move the needle along segments; return whether the jaws still hold it."""

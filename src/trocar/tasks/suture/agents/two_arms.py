@@ -19,6 +19,7 @@ from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.circle import JOINED, CircleSuturing, End, missed
+from trocar.tasks.suture.agents.lost_needle import look_over
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, Stretch
 from trocar.tasks.suture.agents.puller import GRASPS, TRIES, WAIT_S, Puller
@@ -48,7 +49,7 @@ class TwoArmSuturing(CircleSuturing):
         if "stand" not in cell.T_world_fixture:
             raise InvalidInput("this cell", "has no fixture 'stand', from which the first needle is taken", "add it")
         self.plan: TwoArmPlan | None = None
-        self._lost = False
+        self._lost = ""
         self._helpers: trio.Nursery | None = None
         self._near = trio.Event()
 
@@ -78,7 +79,25 @@ class TwoArmSuturing(CircleSuturing):
     async def _suture(self, number: int, suture: Suture) -> End:
         """Drive a suture, while the second arm comes and goes beside it."""
         async with trio.open_nursery() as self._helpers:
-            return await super()._suture(number, suture)
+            end = await super()._suture(number, suture)
+        if end.outcome is not SutureOutcome.NEEDLE_DROPPED:
+            return end
+        await self.puller.go_home()
+        await self.go_home()
+        where = await self._where_it_lies()
+        self._lost = f"neither arm has the needle, {where}"
+        return end._replace(reason=f"{end.reason}, {where}")
+
+    async def _where_it_lies(self) -> str:
+        """Look for a needle that neither arm has; return in words where it lies."""
+        if not self.tracker:
+            return "and nothing looks for it"
+        found = await look_over(self.tracker, self.hand)
+        if found is None:
+            return "and it is not seen on the phantom"
+        x_mm, y_mm = (1e3 * found.center_m).round(2).tolist()
+        self.log.event("needle lies", x_mm=x_mm, y_mm=y_mm, pixels=found.pixels)
+        return f"which lies at x {x_mm:.1f} mm, y {y_mm:.1f} mm from the circle's centre"
 
     async def _stretch(self, number: int, stretch: Stretch, suture: Suture, *leaving: Segment) -> End | None:
         """Follow a stretch; when the last push begins, the second arm comes."""
@@ -108,8 +127,8 @@ class TwoArmSuturing(CircleSuturing):
     async def take_needle(self, number: int) -> End | None:
         """Take the needle from its stand, or from the second arm; return how the suture ended, if that failed."""
         if self._lost:
-            return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: neither arm has the needle", stops=True)
-        self._lost = True  # until the second arm has it again
+            return End(SutureOutcome.NOT_DRIVEN, f"suture {number + 1}: {self._lost}")
+        self._lost = f"no arm holds the needle as it is needed, since suture {number + 1}"  # until the second one does
         return await (self._from_second(number) if number else self._from_stand())
 
     async def check_needle(self, number: int, stretch: Stretch, tracker: NeedleTracker) -> End | None:
@@ -152,7 +171,7 @@ class TwoArmSuturing(CircleSuturing):
             pulled = await second.pull(pull)
         if not pulled:
             return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
-        self._lost = False
+        self._lost = ""
         return End(SutureOutcome.DONE)
 
     def _waiting(self) -> AbstractContextManager[None]:

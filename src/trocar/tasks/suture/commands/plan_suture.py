@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -19,7 +19,6 @@ from trocar.cli.out_folder import check_out_folder
 from trocar.counting import counted
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.files.output import PICTURE, require_place, write_json, write_table
-from trocar.lab import load_station
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.commands.options import REWARD, SPACING, option
 from trocar.tasks.suture.planning import (
@@ -36,7 +35,10 @@ from trocar.tasks.suture.planning.primitive import jaws_above_m
 from trocar.tasks.suture.planning.two_arm_waypoints import TWO_ARM_COLUMNS, Pair, two_arm_rows, two_arm_waypoints
 from trocar.tasks.suture.planning.two_arms import plan_pulled, plan_two_arms
 from trocar.tasks.suture.planning.waypoints import COLUMNS, rows, waypoints, waypoints_values
-from trocar.tasks.suture.task import SINGLE, STATIONS, TWO, pair_of
+from trocar.tasks.suture.variants import SINGLE, STATIONS, TWO, pair_of
+
+if TYPE_CHECKING:
+    from trocar.lab import Station
 
 PAPER_PRESET = "paper-demo"
 KIND = "plan of sutures"
@@ -117,7 +119,7 @@ def suture(
     recorded = options.recorded(demonstrations)
     # what is imported and allocated once is not the planner's time
     options.planner_of(WARM_UP, spacing and Spacing.even(WARM_UP))(dexterity(chosen.setup, reward, WARM_UP, recorded))
-    pair = pair_of(load_station(STATIONS[TWO])) if variant == TWO else None
+    pair = pair_of(_station()) if variant == TWO else None
     started = time.perf_counter()
     planner, positions = options.planner_of(count, spacing), positions or options.grid_of(count)
     if pair is not None:
@@ -169,7 +171,7 @@ def _two_arms(map: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> l
     Raises:
         TrocarError: the first arm is another than the station's, or an arm cannot do its part.
     """
-    station = load_station(STATIONS[TWO])
+    station = _station()
     names = list(station.arms)[:2]
     first = station.arm(names[0])
     if first.model.name != map.setup.arm.name:
@@ -188,6 +190,13 @@ def _two_arms(map: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> l
         "apart_mm": 1e3 * min(part.apart_m for part in parts),
     }
     return stitches
+
+
+def _station() -> Station:
+    """Return the station of two arms."""
+    from trocar.lab import load_station  # one arm needs none, and its import takes a tenth of a second
+
+    return load_station(STATIONS[TWO])
 
 
 def _save(

@@ -24,6 +24,8 @@ SURROGATE = (
 
 NO_SOLUTION = -1e3
 """The margin of a suture that no configuration of the arm can make."""
+NO_REWARD = NO_SOLUTION / 100
+"""Rewards up to this are those of such sutures."""
 WRIST = slice(3, 6)
 """The joints that a margin considers (paper, III-C3)."""
 
@@ -169,9 +171,13 @@ class DexterityMap:
         return self.chosen(self.joints.feasible)
 
     def span(self, rewards: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the smallest and largest of rewards (k,) and of all feasible sutures, in either direction."""
+        """Return the smallest and largest of rewards (k,) and of all feasible sutures, in either direction.
+
+        Rewards of sutures for which the arm has no joints do not count; (0, 1) if there are no others.
+        """
         seen = np.append(rewards, self.values[self.joints.feasible])
-        return float(seen.min()), float(seen.max())
+        seen = seen[seen > NO_REWARD]
+        return (float(seen.min()), float(seen.max())) if len(seen) else (0.0, 1.0)
 
     @property
     def switches_rad(self) -> NDArray[np.float64]:

@@ -25,20 +25,22 @@ from trocar.geometry import TURN
 from trocar.report import style
 from trocar.tasks.suture.planning.plan import SuturePlan
 from trocar.tasks.suture.planning.primitive import Suture, sutures_at
-from trocar.tasks.suture.planning.rewards import NO_SOLUTION, DexterityMap
+from trocar.tasks.suture.planning.rewards import NO_REWARD, DexterityMap
 from trocar.tasks.suture.planning.setup import CLOCKWISE, DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 MESH, MESH_LINE, DEFECT, BLOCKED = "#F7F5EF", "#E6E1D3", "#EBD5CC", "#D9D9D9"
 RING, GAP = 0.17, 0.03  # width of a ring, and gap between the two, as shares of the rings' inner radius
 SIZE_IN = (7.4, 6.6)
+AXES_AT, BAR_AT = (0.01, 0.005, 0.87, 0.925), (0.897, 0.183, 0.019, 0.573)  # left, bottom, width, height: shares
 LINE = 118  # letters of small text in a line as wide as the figure
+BESIDE = 0.70  # sine of the angle from which on a port's label has room beside its arrow
 LABEL_RAD = math.radians(25.0)  # labels this far apart do not overlap
 TEXTURE_PIXELS, SPAN = 1000, 1.01  # pixels of a texture's side; half the side as a share of the rings' outer radius
 
 
 def draw_plan(map: DexterityMap, plan: SuturePlan, path: str | Path, title: str = "") -> Path:
     """Draw :func:`circle` with a plan and return the path of the picture."""
-    with style.figure(*SIZE_IN, path) as figure:
+    with style.figure(*SIZE_IN, path, placed=True) as figure:
         circle(figure, map, plan, title)
     return Path(path)
 
@@ -54,7 +56,7 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
     setup, norm = map.setup, Normalize(*map.span(np.empty(0) if plan is None else plan.rewards))
     outer = ring_radii_mm(setup).max()
     figure.set_size_inches(*SIZE_IN)
-    axes = figure.add_subplot()
+    axes = figure.add_axes(AXES_AT)
     axes.set_aspect("equal")
     axes.axis("off")
     _draw_mesh(axes, setup)
@@ -63,7 +65,7 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
     _draw_port(axes, "the arm's base", setup.T_base_circle.inverse().translation_m, outer)
     if setup.puller.up_m:
         port_m = setup.circle.T_world_circle.inverse().apply(setup.puller.port_m)
-        _draw_port(axes, "the second arm's port", port_m, outer)
+        _draw_port(axes, "the second\narm's port", port_m, outer)
     if plan is not None:
         _draw_arrows(axes, map, plan, norm)
         _label_sutures(axes, setup, plan)
@@ -71,7 +73,7 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
         lines = textwrap.fill(plan.certified, LINE)
         figure.text(0.01, 0.955, lines, color=style.QUIET, fontsize=8, va="top")
     colours = ScalarMappable(norm, style.PATHS)
-    figure.colorbar(colours, ax=axes, shrink=0.62, pad=0.02, aspect=28).set_label("reward of a suture")
+    figure.colorbar(colours, cax=figure.add_axes(BAR_AT)).set_label("reward of a suture", labelpad=1)
     hatched = Patch(facecolor=BLOCKED, edgecolor=style.QUIET, hatch="////", linewidth=0, label="cannot be driven")
     handles: list[Artist] = [hatched]
     if plan is not None and plan.spacing is not None:
@@ -84,7 +86,7 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
     if plan is not None:
         reach = "" if plan.feasible else ", out of reach"
         usual = f"{counted(len(plan.rewards), 'suture')}, reward of the worst {_shown(plan.reward)}{reach}"
-    figure.suptitle(f"{title or usual}\n", x=0.01, ha="left", fontsize=10, fontweight="bold")
+    figure.suptitle(title or usual, x=0.01, y=0.99, ha="left", fontsize=10, fontweight="bold")
 
 
 def texture(map: DexterityMap, plan: SuturePlan) -> tuple[NDArray[np.uint8], float]:
@@ -119,10 +121,10 @@ def _draw_mesh(axes: Axes, setup: SutureSetup) -> None:
     circle = setup.circle
     edge, radius, defect = (1e3 * value for value in (circle.mesh_radius_m, circle.radius_m, circle.defect_radius_m))
     axes.add_patch(Circle((0, 0), edge, facecolor=MESH, edgecolor=style.INK, linewidth=1.2, zorder=2.2))
-    for offset in np.linspace(-edge, edge, 19)[1:-1]:
-        half = math.sqrt(edge**2 - offset**2)
-        axes.plot([-half, half], [offset, offset], color=MESH_LINE, linewidth=0.6, zorder=2.3)
-        axes.plot([offset, offset], [-half, half], color=MESH_LINE, linewidth=0.6, zorder=2.3)
+    offsets = np.linspace(-edge, edge, 19)[1:-1]
+    halves = np.sqrt(edge**2 - offsets**2)
+    axes.hlines(offsets, -halves, halves, color=MESH_LINE, linewidth=0.6, zorder=2.3)
+    axes.vlines(offsets, -halves, halves, color=MESH_LINE, linewidth=0.6, zorder=2.3)
     axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=style.QUIET, linewidth=0.8, linestyle="--", zorder=2.4))
     text = f"mesh, radius {edge:.3g} mm"
     if defect > 0:
@@ -188,12 +190,17 @@ def _draw_port(axes: Axes, what: str, p_circle_m: NDArray[np.float64], outer: fl
         return
     along = place[:2] / away
     arrow = {"arrowstyle": "-|>", "color": style.VERMILION, "linewidth": 2.0, "mutation_scale": 16}
-    tip, tail, label = (tuple(share * outer * along) for share in (1.15, 1.26, 1.21))
+    tip, tail, label = (tuple(share * outer * along) for share in (1.15, 1.26, 1.20))
     axes.annotate("", xy=tip, xytext=tail, arrowprops=arrow, annotation_clip=False)
-    side = 1 if along[0] > -1e-6 else -1
     text = f"{what}:\n{away:.0f} mm beside,\n{place[2]:.0f} mm above\nthe circle's centre"
-    aligned = {"ha": "left" if side > 0 else "right", "va": "center", "fontsize": 8, "color": style.VERMILION}
-    axes.annotate(text, label, xytext=(14 * side, 0), textcoords="offset points", annotation_clip=False, **aligned)
+    if abs(along[1]) < BESIDE:  # there is no room beside it
+        up, text = along[1] > -1e-6, text.replace("circle's ", "circle's\n")
+        aligned = {"xytext": (0, 9 if up else -9), "ha": "center", "va": "bottom" if up else "top"}
+    else:
+        right, label = along[0] > -1e-6, (label[0], min(max(label[1], -1.12 * outer), 1.12 * outer))
+        aligned = {"xytext": (14 if right else -14, 0), "ha": "left" if right else "right", "va": "center"}
+    how = {"textcoords": "offset points", "annotation_clip": False, "fontsize": 8, "color": style.VERMILION}
+    axes.annotate(text, label, **aligned, **how)
 
 
 def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normalize) -> None:
@@ -215,7 +222,7 @@ def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normaliz
 
 def _shown(reward: float) -> str:
     """Return a reward as text; none where no joints hold the needle, whose reward is only a very low number."""
-    return f"{reward:.3f}" if reward > NO_SOLUTION / 100 else "none"
+    return f"{reward:.3f}" if reward > NO_REWARD else "none"
 
 
 def _label_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan) -> None:
@@ -247,7 +254,7 @@ def apart(plan: SuturePlan) -> list[int]:
 
 
 def _plot_map(thing: DexterityMap, plan: SuturePlan | None = None, title: str = "") -> style.Picture:
-    return style.picture(lambda figure: circle(figure, thing, plan, title))
+    return style.picture(lambda figure: circle(figure, thing, plan, title), placed=True)
 
 
 def _plot_plan(thing: SuturePlan, map: DexterityMap | None = None, title: str = "") -> style.Picture:

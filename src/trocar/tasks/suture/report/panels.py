@@ -40,11 +40,14 @@ MARGIN_UNITS = {
     "paper": "deg², as printed",
 }
 
+REASONS_AT = {"left": 0.108, "right": 0.966, "top": 0.969, "bottom": 0.053, "hspace": 0.22}
+"""Where the panels of a plan's reasons are in the picture: shares of it."""
+
 
 def draw_reasons(map: DexterityMap, plan: SuturePlan, path: str | Path) -> Path:
     """Draw the reasons for a plan round the circle (reward, margin, joints, manipulability); return the path."""
-    with style.figure(8.2, 8.6, path) as figure:
-        axes = figure.subplots(4, 1, sharex=True, height_ratios=[1.3, 1, 1, 0.8])
+    with style.figure(8.2, 8.6, path, placed=True) as figure:
+        axes = figure.subplots(4, 1, sharex=True, height_ratios=[1.3, 1, 1, 0.8], gridspec_kw=REASONS_AT)
         title = f"Reward, λ = {map.reward.weight:g} (dots: the plan; thin: cannot be driven)"
         rewards(axes[0], map, plan, title)
         margins(axes[1], map, "Joint margin")
