@@ -51,9 +51,9 @@ class Calibrated:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the report as JSON's values; ``off`` is from where the base was registered before."""
-        base, recording = self.measured.base, self.recording
-        used = int(base.inliers.sum())
-        registration = {"rms_mm": 1e3 * base.rms_m, "used": used, "rejected": len(base.inliers) - used}
+        shaft, recording = self.measured.shaft, self.recording
+        used = int(shaft.inliers.sum())
+        registration = {"rms_mm": 1e3 * shaft.rms_m, "used": used, "rejected": len(shaft.inliers) - used}
         found: dict[str, Any] = {
             "rows": len(recording),
             "good_rows": int(recording.valid.sum()),

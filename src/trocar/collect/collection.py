@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from trocar.arms import fk
 from trocar.calibration.excitation import SAMPLES, MotionBox
 from trocar.collect.motion import depth_camera
 from trocar.collect.plan import CollectionPlan, Listener
@@ -15,6 +16,7 @@ from trocar.geometry.arrays import Array
 from trocar.lab import SensorFlaws
 from trocar.lab.session import Session
 from trocar.lab.transmission import DriveTrain
+from trocar.perception.fiducial_joints import joints_of_tips
 from trocar.perception.image import Intrinsics, RgbdImage
 from trocar.perception.spheres import find_spheres
 from trocar.sim.calibration_cells import FiducialCell
@@ -38,6 +40,7 @@ class Collection(CollectionPlan):
         seeds: np.random.SeedSequence,
         rows: int = SAMPLES,
         *,
+        every: int = 1,
         wide: bool = False,
         flaws: SensorFlaws | None = None,
     ):
@@ -49,11 +52,12 @@ class Collection(CollectionPlan):
             box: range of the motion.
             seeds: of everything random.
             rows: how many samples.
+            every: an image is taken after each so-many-th of them.
             wide: whether the motion is the short one of wide swings.
             flaws: of the camera, in place of the station's.
         """
         station = session.station
-        self._session, self._flaws = session, flaws
+        self._session, self._flaws, self._every = session, flaws, every
         self._camera = depth_camera(station)
         lens = station.cameras[self._camera].model
         assert isinstance(lens, Intrinsics)
@@ -72,8 +76,12 @@ class Collection(CollectionPlan):
 
     @property
     def q_joint(self) -> Array:
-        """Return the true joints (n, 6): for evaluating the estimate, never for the estimate itself."""
-        return self._q_joint.copy()
+        """Return the joints (n, 6) that would put the tip where it truly is if the base were where it is registered.
+
+        These are what an estimate should find. They are for evaluating it, never for the estimate itself.
+        """
+        T_camera_tip = self.T_camera_base_true @ fk(self._session.models[self.arm], self._q_joint)
+        return joints_of_tips(self.view.arm, self.view.T_camera_base.inverse() @ T_camera_tip, self._q_joint)
 
     @property
     def T_camera_base_true(self) -> SE3:
@@ -83,7 +91,7 @@ class Collection(CollectionPlan):
     @property
     def digest(self) -> str:
         """Return what distinguishes this collection from others."""
-        text = f"{super().digest} {self._printer} {self._images} {self._flaws}".encode()
+        text = f"{super().digest} {self._printer} {self._images} {self._flaws} {self._every}".encode()
         return hashlib.sha256(self._q_joint.tobytes() + text).hexdigest()[:16]
 
     def image(self, row: int) -> RgbdImage:
@@ -108,7 +116,8 @@ class Collection(CollectionPlan):
         path = None if path is None else Path(path)
         found = [] if path is None else self.kept(path)
         for row in range(len(found), len(self.q_cmd)):
-            found.append(self.look(row) if row >= self.unseen else self.unknown)
+            pictured = row >= self.unseen and (row - self.unseen) % self._every == 0
+            found.append(self.look(row) if pictured else self.unknown)
             if path is not None and (row + 1 == len(self.q_cmd) or row % SAVED_EVERY == 0):
                 self.keep(found, path)
             if listener is not None:

@@ -119,8 +119,9 @@ class CollectionPlan:
         Archive(header, {"p_camera_m": np.array(centers), "t_s": self.t_s[: len(centers)]}).save(path)
 
     def measured(self, p_camera_m: Array) -> Measured:
-        """Return base and joints from the centres of all rows."""
-        return measure(self.view.arm, self.fixture, p_camera_m, self.q_cmd, np.random.default_rng(self._search))
+        """Return the base, and joints in the base as registered, from the centres of all rows."""
+        rng, view = np.random.default_rng(self._search), self.view
+        return measure(view.arm, self.fixture, p_camera_m, self.q_cmd, view.T_camera_base, rng)
 
     def recording(self, measured: Measured) -> Recording:
         """Return the recording that cable models are fitted on."""

@@ -1,6 +1,6 @@
 """From the spheres in all images of a collection to base and joints; what does not fit is flagged.
 
-In closed form, for a PSM (Hwang et al. 2022, IV-A).
+For a PSM: first in closed form (Hwang et al. 2022, IV-A), then all images together.
 """
 
 from __future__ import annotations
@@ -11,17 +11,20 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, frames
+from trocar.arms import ArmModel, fk, frames, ik
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, TURN
 from trocar.geometry.arrays import Array
 from trocar.geometry.rigid_fit import RigidFit, fit_rigid
+from trocar.perception.fiducial_adjustment import adjust, turned_to_encoders
 from trocar.perception.fiducials import Fixture
 
 SHAFT_OFF_M = 1.0e-3
 """A shaft centre further from where the outer joints' encoders put it is rejected; their errors are about .1 mm."""
 DISTANCE_OFF_M = 1.0e-3
 """Maximum difference between the measured and the printed distance of two jaw spheres; measured: .1 mm RMS."""
+ROOM_RAD, ROOM_M = 0.5, 0.05
+"""Joints may leave the arm's limits by this much: cables are off, and so is a base."""
 MIN_ON_JAW, MIN_ROWS = 3, 10
 """Spheres on the jaw that its rotation needs, and rows with a sphere on the shaft that the base needs."""
 
@@ -32,16 +35,12 @@ GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft",
 class Measured:
     """The result of a collection of images."""
 
-    base: RigidFit  # of the shaft's spheres, placed by the encoders, to those in the camera
-    q: Array  # (n, 6) joints, NaN where they could not be found
+    shaft: RigidFit  # of the shaft's spheres, placed by the encoders, to those in the camera: tells the outliers
+    T_camera_base: SE3  # the base as all images have it
+    q: Array  # (n, 6) joints in the base as registered, NaN where they could not be found
     flags: tuple[str, ...]  # (n,) of each row: 'good' or what is wrong
     distance_rms_m: float  # error of the distances between spheres of one part against those printed
     p_camera_m: Array  # (n, k, 3) the accepted centres; else NaN
-
-    @property
-    def T_camera_base(self) -> SE3:
-        """Return the pose of the arm's base in the camera."""
-        return self.base.T_target_source
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -61,7 +60,9 @@ def require_psm(arm: ArmModel) -> None:
         raise InvalidInput("joints", problem, "give its recording")
 
 
-def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rng: np.random.Generator) -> Measured:
+def measure(
+    arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, T_camera_base: SE3, rng: np.random.Generator
+) -> Measured:
     """Return base and joints from the spheres' centres, for rows in which the arm was at rest.
 
     Args:
@@ -69,12 +70,15 @@ def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rn
         fixture: that it wears.
         p_camera_m: (n, k, 3) centres in the camera frame, NaN where a sphere was not seen.
         q_cmd: (n, 6) encoder readings.
+        T_camera_base: the base as registered, which whoever uses the joints will go on using. They are those that would
+            put the tip where it was if the base were there, so whatever is wrong with it is in them.
         rng: of the search for outliers.
 
     Raises InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
     """
-    base = register_base(arm, fixture, p_camera_m, q_cmd, rng)
-    p_base = base.T_target_source.inverse().apply(p_camera_m)
+    shaft = register_base(arm, fixture, p_camera_m, q_cmd, rng)
+    T_found = shaft.T_target_source
+    p_base = T_found.inverse().apply(p_camera_m)
     expected = fixture.base_centers_m(arm, q_cmd)
     off_shaft = np.linalg.norm(p_base - expected, axis=-1) > SHAFT_OFF_M
     p_base = np.where((off_shaft & fixture.on_shaft)[..., None], np.nan, p_base)
@@ -85,7 +89,20 @@ def measure(arm: ArmModel, fixture: Fixture, p_camera_m: Array, q_cmd: Array, rn
     errors_m = distance_errors_m(fixture, accepted)
     known = errors_m[np.isfinite(errors_m)]
     rms_m = float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
-    return Measured(base, q, tuple(_flag(fixture, row) for row in seen), rms_m, accepted)
+    flags = tuple(_flag(fixture, row) for row in seen)
+    whole = np.isfinite(q).all(axis=1)
+    if whole.any():
+        found = adjust(arm, fixture, accepted[whole], T_found, q[whole])
+        T_camera_tip = found.T_camera_base @ fk(found.arm, found.q)
+        q[whole] = joints_of_tips(arm, T_camera_base.inverse() @ T_camera_tip, found.q)
+        T_found = turned_to_encoders(arm, found.T_camera_base, found.q, q_cmd[whole])
+    q[~whole] = np.nan
+    return Measured(shaft, T_found, q, flags, rms_m, accepted)
+
+
+def joints_of_tips(arm: ArmModel, T_base_tip: SE3, near: Array) -> Array:
+    """Return the joints (n, 6) that put the tip there, those nearest to ``near`` (n, 6); NaN: it is out of reach."""
+    return ik(arm.widened(ROOM_RAD, ROOM_M), T_base_tip, reference=near, unreachable="nan")
 
 
 def register_base(

@@ -47,8 +47,7 @@ class Fixture:
     # (3,) middle of the cross in frame 6; thin dark arms lead from it to the jaw's spheres
     hub_m: tuple[float, float, float]
     arm_radius_m: float = 1.5e-3  # of these arms
-    # SD of a sphere's position error on each axis after printing and gluing (assumed; the printer's tolerance). Only
-    # the simulator draws it
+    # SD of a sphere's position error on each axis after printing and gluing (assumed; the printer's tolerance)
     print_sd_m: float = 0.1e-3
 
     def __post_init__(self) -> None:
@@ -81,9 +80,13 @@ class Fixture:
         centers[self.on_shaft, 2] *= arm.wrist_sign  # frame 4's z runs up or down the shaft
         return centers
 
+    def carriers(self, arm: ArmModel, q: ArrayLike) -> Array:
+        """Return the pose (..., n, 4, 4), in the arm's base, of the frame that carries each sphere."""
+        return frames(arm, q).matrix[..., np.where(self.on_shaft, _PITCH_FRAME, _YAW_FRAME), :, :]
+
     def base_centers_m(self, arm: ArmModel, q: ArrayLike) -> Array:
         """Return the centres (..., n, 3) in the arm's base at joints (..., 6)."""
-        carriers = frames(arm, q).matrix[..., np.where(self.on_shaft, _PITCH_FRAME, _YAW_FRAME), :, :]
+        carriers = self.carriers(arm, q)
         return (carriers[..., :3, :3] @ self.frame_centers_m(arm)[:, :, None])[..., 0] + carriers[..., :3, 3]
 
 

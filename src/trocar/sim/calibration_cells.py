@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms import fk, ik
+from trocar.arms import fk
 from trocar.calibration.excitation import WIDE_ROWS, MotionBox, random_smooth_path, slack_taken_up, wide_path
 from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
@@ -19,6 +19,7 @@ from trocar.lab.session import Session
 from trocar.lab.transmission import DriveTrain
 from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project, rays_through
+from trocar.perception.fiducial_joints import joints_of_tips
 from trocar.perception.fiducials import Fixture
 from trocar.perception.image import Intrinsics, RgbdImage, StereoImage, StereoRig, Window
 from trocar.sim.cameras import CameraRenderer
@@ -40,8 +41,6 @@ DISTANCES = (0.8, 1.1)
 workspace's distance (assumed)."""
 TRIES = 10_000
 
-ROOM_RAD, ROOM_M = 0.5, 0.05
-"""True joints may leave the commands' range by this much."""
 SAMPLE_S = 0.8
 """Time between two samples of a calibration recording (paper: 1355 in 18 minutes)."""
 
@@ -247,12 +246,12 @@ def record_motion(
     T_found_true = session.T_world_base_registered[arm].inverse() @ session.T_world_base[arm]
     q_true = np.array(joints)
     tips = T_found_true @ fk(session.models[arm], q_true)
-    measured = ik(model.widened(ROOM_RAD, ROOM_M), tips, reference=q_true)
+    measured = joints_of_tips(model, tips, q_true)
     measured = measured + session.transmissions[arm].measurement_sd * rng.standard_normal(q_cmd.shape)
     return Recording(
         q_cmd=q_cmd,
         q_phy=measured,
-        valid=np.arange(len(q_cmd)) >= len(q_cmd) - len(path),
+        valid=(np.arange(len(q_cmd)) >= len(q_cmd) - len(path)) & np.isfinite(measured).all(axis=1),
         t_s=SAMPLE_S * np.arange(1.0, len(q_cmd) + 1.0),
         name=f"simulated recording of {arm}",
     )
