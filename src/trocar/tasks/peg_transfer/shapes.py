@@ -52,6 +52,12 @@ class Pegboard:
             feet[:, :2] += self.pegs_off_m
         return feet
 
+    @property
+    def rim_m(self) -> NDArray[np.float64]:
+        """Return the corners (4, 3) of the top plate in the board frame, in order."""
+        width, depth, height = self.plates_m[0]
+        return np.array([(x * width, y * depth, 2 * height) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) / 2
+
 
 HOLE_MM = ((0, 3.85), (10, 4.03), (20, 4.42), (30, 4.90), (45, 4.80), (60, 4.80))
 """Radius of the hole over the angle in degrees from the middle of a side to the next corner.
@@ -108,14 +114,18 @@ class Block:
         arc = centre * np.cos(off) + np.sqrt(under)
         return np.where(folded <= self.tangent_rad, flat, arc)
 
-    def gap_m(self, T_a: SE3, T_b: SE3) -> float:
-        """Return the gap between two upright blocks, measured along their radii; negative if they overlap."""
+    @cached_property
+    def rim_m(self) -> NDArray[np.float64]:
+        """Return the outline of the top face (120, 3)."""
         angle = np.linspace(-np.pi, np.pi, 120, endpoint=False)
         radius = self.outer_radius_m(angle)
-        rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)])
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros_like(angle)])
+
+    def gap_m(self, T_a: SE3, T_b: SE3) -> float:
+        """Return the gap between two upright blocks, measured along their radii; negative if they overlap."""
         gaps = []
         for first, second in ((T_a, T_b), (T_b, T_a)):
-            x, y, _ = (second.inverse() @ first).apply(rim).T
+            x, y, _ = (second.inverse() @ first).apply(self.rim_m).T
             gaps.append(np.min(np.hypot(x, y) - self.outer_radius_m(np.arctan2(y, x))))
         return float(min(gaps))
 

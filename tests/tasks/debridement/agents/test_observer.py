@@ -190,3 +190,11 @@ def test_a_gripper_that_was_not_seen_for_a_second_is_looked_for_more_widely(age_
     observer, camera = observer_of([0], [STILL], age_s)
     trio.run(partial(observer.track, "left", margin_m=given_m))
     assert camera.windows == [{"margin_m": margin_m, "binning": 1}]
+
+
+def test_a_fragment_is_outlined_by_its_extents_about_its_middle():
+    rim_m = fragment().rim_m
+    assert np.allclose(rim_m.mean(0), PLACE)
+    sides = np.diff(rim_m, axis=0)
+    assert np.allclose(np.linalg.norm(sides, axis=1), [0.009, 0.012, 0.009])
+    assert np.allclose(np.abs(sides[1] @ [np.cos(0.3), np.sin(0.3), 0.0]), 0.012)

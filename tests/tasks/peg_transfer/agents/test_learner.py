@@ -13,6 +13,7 @@ from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
 from trocar.robots import Adaptive
 from trocar.tasks.peg_transfer.agents import Settings, learner
+from trocar.tasks.peg_transfer.agents.peg_arm import OVER_PEGS_M
 from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
 from trocar.tasks.peg_transfer.goals import Transfer
 from trocar.tasks.peg_transfer.shapes import Pegboard
@@ -83,7 +84,7 @@ def test_what_is_learned_is_used_from_the_next_rest_on_and_never_unlearned(monke
         *(("saw", 4), ("correct", 4)),
     ]
     assert [over_a_block for _, over_a_block in looks] == [False] * 3 + [True] * 2
-    over_pegs_m = Pegboard().peg_height_m + learner.OVER_PEGS_M
+    over_pegs_m = Pegboard().peg_height_m + OVER_PEGS_M
     assert [height_m for height_m, _ in looks[3:]] == pytest.approx([over_pegs_m] * 2, abs=0.5e-3)
     assert min(height_m for height_m, _ in looks[:3]) > 2 * Pegboard().peg_height_m
     names = [event["name"] for event in events]

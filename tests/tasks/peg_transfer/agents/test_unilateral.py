@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from simulated import T_WORLD_BASE, ideal_laboratory, standing
 from trocar.arms import PSM_CLASSIC, fk
@@ -114,6 +115,17 @@ def test_a_last_look_says_which_blocks_lie_where_they_were_set_down(clean):
     assert score.target in lab.truth().pegs()[-1]
 
 
+def test_what_the_last_look_showed_is_noted_for_whoever_watches_where_it_is(clean):
+    lab, _, (_, score) = clean
+    ((name, camera),) = lab.cameras.items()
+    seen = lab.log.sightings[name]
+    assert seen.image is camera.taken[-1]
+    rim_m = lab.session.T_world_camera[name].apply(seen.outlines_m[f"block on {score.target}"])
+    block = list(lab.truth().pegs()[-1]).index(score.target)
+    true_m = lab.recorder.arrays()[f"body_block{block}"][-1, :3]
+    assert np.linalg.norm(rim_m.mean(0) - true_m) < 1e-3
+
+
 def test_a_pick_that_fails_is_tried_again_with_another_grasp_and_then_given_up():
     lab, _, (score,) = play([FIRST], robot=stuck("psm1"))
     assert len(named(lab, "pick failed")) == 1 + SETTINGS.retries
@@ -122,6 +134,18 @@ def test_a_pick_that_fails_is_tried_again_with_another_grasp_and_then_given_up()
     tip_m = lab.truth().p_board_tips["psm1"]
     low = tip_m[tip_m[:, 2] < 0.013]
     assert np.ptp(low, axis=0)[:2].max() > 1e-3
+
+
+@pytest.mark.parametrize("off_mm", [(1.6, 1.6, 0.0), (-2.2, 0.0, 0.0)])
+def test_jaws_that_missed_a_block_are_looked_at_and_then_find_it(off_mm):
+    """The base is registered aside of where it stands."""
+    settings = replace(SETTINGS, learns_offset=True)
+    lab, in_time, scores = play([FIRST, SECOND], settings=settings, registered_off_m={"psm1": 1e-3 * np.array(off_mm)})
+    assert in_time and all(score.succeeded for score in scores), scores
+    assert len(named(lab, "pick failed")) == 1
+    (learned,) = named(lab, "offset")
+    # the tip is the other way; one look counts as much as the expectation that it is off by half a millimetre at most
+    assert_allclose(learned["mm"], -0.55 * np.array(off_mm[:2]), atol=0.25)
 
 
 def test_it_sees_with_the_perception_that_it_is_given():

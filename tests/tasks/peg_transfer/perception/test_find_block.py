@@ -3,9 +3,10 @@ import numpy as np
 import pytest
 from random_cells import overhead, random_scene, world_of
 
+from simulated import scene_of, standing
 from trocar.errors import TrocarError
-from trocar.geometry import SE3
-from trocar.tasks.peg_transfer.perception.blocks import find_block
+from trocar.geometry import SE3, SO3
+from trocar.tasks.peg_transfer.perception.blocks import find_block, find_held_block
 from trocar.tasks.peg_transfer.perception.board import find_board
 
 
@@ -78,6 +79,23 @@ def test_a_knocked_over_block_is_no_block(view):
     lying = overhead(model).render(data, np.random.default_rng(0))
     T_camera_board = camera.T_world_camera.inverse() @ scene.T_world_board
     assert isinstance(find_block(lying, T_camera_board, scene.board, scene.block, int(pegs[0])), str)
+
+
+@pytest.mark.parametrize(("tilt_deg", "seen"), [(0.0, True), (8.0, True), (11.0, True), (25.0, False)])
+def test_a_block_in_the_air_is_seen_as_far_tilted_as_jaws_hold_it(tilt_deg, seen):
+    tilt = SE3.from_parts(SO3.axis("x", np.radians(tilt_deg)))
+    T_board_block = standing(4, (1e-3, -2e-3), 0.4, height_m=0.037) @ tilt
+    scene, rng = scene_of(T_board_block), np.random.default_rng(5)
+    model, data = world_of(scene)
+    camera = overhead(model)
+    expected = SE3.from_parts(translation_m=[0.4e-3, -0.3e-3, 0.0]) @ T_board_block
+    T_camera_board = camera.T_world_camera.inverse() @ scene.T_world_board
+    found = find_held_block(camera.render(data, rng), T_camera_board, scene.block, expected)
+    assert isinstance(found, SE3) == seen, found
+    if isinstance(found, SE3):
+        error = T_board_block.inverse() @ found
+        assert np.linalg.norm(error.translation_m) < 0.4e-3
+        assert error.matrix[2, 2] > np.cos(np.radians(1))
 
 
 def test_refuses_bad_input(view):

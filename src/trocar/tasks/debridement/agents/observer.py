@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from trocar.arms.solids import capsules
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, TrocarError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, TURN
 from trocar.geometry.capsules import Capsules, segment_distances_m
 from trocar.perception.image import StereoImage, StereoRig, StereoWindow
 from trocar.robots.concurrency import with_helpers
 from trocar.tasks.debridement.agents.adjusted import Adjusted, StepEnded
 from trocar.tasks.debridement.agents.settings import Settings
 from trocar.tasks.debridement.perception.fragments import SAME_M, SeenFragment
+from trocar.tasks.debridement.perception.gripper import SeenGripper
 
 CAMERA = "stereo"
 FROZEN = 3  # after this many identical images in a row, although an arm has moved, the camera counts as frozen
@@ -37,6 +38,8 @@ ROUND_M = 0.008
 SHIFTED_M = 0.016
 """Jaws that approach a fragment may shift it unseen, by half of their opening plus half its length at most."""
 FINGERS = slice(2, 4)  # the fingers among an arm's capsules
+RING_M = 4e-3 * np.array([(np.cos(a), np.sin(a), 0.0) for a in np.linspace(0, TURN, 24, endpoint=False)])
+"""About a gripper's tip, for whoever watches."""
 HIDDEN_LOOKS = 8  # number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on
 
 
@@ -117,12 +120,22 @@ class StereoObserver:
         for name, gripper in grippers.items():
             if gripper is not None:
                 self._robot.saw(name, image.time_s, kinematic[name], gripper.T_world_tip)
+        self._cell.log.saw(CAMERA, image, self._outlines(fragments, grippers))
         known = self._remembered(fragments, image.rig) if self._settings.remembers else Observation(fragments)
         places = [np.round(f.p_world_m, 5).tolist() for f in (*known.fragments, *known.hidden)]
         self._cell.log.event(
             "detected", arm=arm, image_s=round(image.time_s, 6), fragments=places, remembered=len(known.hidden)
         )
         return known
+
+    def _outlines(
+        self, fragments: Sequence[SeenFragment], grippers: Mapping[str, SeenGripper | None]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return a line about each fragment and each gripper's tip, in the left camera's frame."""
+        T_camera_world = self._T_world_camera.inverse()
+        found = {f"fragment {number}": one.rim_m for number, one in enumerate(fragments, 1)}
+        found |= {name: seen.T_world_tip.apply(RING_M) for name, seen in grippers.items() if seen is not None}
+        return {name: T_camera_world.apply(rim) for name, rim in found.items()}
 
     def _remembered(self, seen: Sequence[SeenFragment], rig: StereoRig) -> Observation:
         """Return what is seen outside the jaws, and what arms hide at their estimated positions."""

@@ -48,6 +48,13 @@ class SeenFragment:
     height_m: float  # of its middle above the table
     area_px: int  # of its pixels in the left picture
 
+    @property
+    def rim_m(self) -> NDArray[np.float64]:
+        """Return the corners (4, 3) in the world of a rectangle of its extents about its middle, in order."""
+        along = np.array([np.cos(self.yaw_rad), np.sin(self.yaw_rad), 0.0]) * self.extent_m[0] / 2
+        across = np.array([-np.sin(self.yaw_rad), np.cos(self.yaw_rad), 0.0]) * self.extent_m[1] / 2
+        return self.p_world_m + [along + across, along - across, -along - across, across - along]
+
     def away_m(self, p_world_m: NDArray[np.float64]) -> float:
         """Return how far it is from a place (3,), seen from above."""
         return float(np.linalg.norm(self.p_world_m[:2] - p_world_m[:2]))

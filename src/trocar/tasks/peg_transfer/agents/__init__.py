@@ -95,7 +95,7 @@ def quick() -> Settings:
 
     A run reports if a machine needs longer (``missed_budgets``).
     """
-    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, fixed_wrist=True, learns_offset=True)
+    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, fixed_wrist=True, learns_offset=True, retries=2)
 
 
 def learning() -> Settings:

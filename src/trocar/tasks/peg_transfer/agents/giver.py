@@ -35,7 +35,6 @@ class Giver(Side):
         if following is not None and following.giver != self.arm.name:
             following = None
         meeting.start_s = self.cell.clock.now_s()
-        self.arm.hands_over = True
         source = meeting.goal.source
         grasp = await self.script.pick(source, partial(self._plan_ahead, meeting, helpers))
         if not isinstance(grasp, Grasp):
@@ -138,17 +137,44 @@ class Giver(Side):
             await self.arm.give_way()
 
     async def _go_on(self, meeting: HandoverState, following: HandoverState, seen: Seen, helpers: trio.Nursery) -> bool:
-        """Rise out of the block and approach the next one in one motion; return whether that was possible."""
-        approach = seen.approach
-        if approach is None or not starts_at(approach.path, self.arm.hand.q):
-            return False
+        """Rise out of the block and approach the next one in one motion; return whether that was possible.
+
+        If the other arm is in the way above the block, this one first goes aside.
+        """
+        q, up_m, aside_m = self.arm.hand.q, self.settings.parts_m, self.own_side * ASIDE_M
+        ways = (
+            lambda: self.arm.motions.approach(q, seen.grasp, following.goal.source, up_m),
+            lambda: self.arm.motions.approach(q, seen.grasp, following.goal.source, up_m, aside_m),
+        )
+        ready = seen.approach
+        for way in ways:
+            if ready is None or not starts_at(ready.path, q):
+                ready = await self.arm.plan(way)
+            if ready is not None and await self._leave_along(ready, meeting, following, seen.grasp, helpers):
+                self.script.seen.put(replace(seen, there=True))
+                return True
+            ready = None
+        return False
+
+    async def _leave_along(
+        self,
+        approach: Approach,
+        meeting: HandoverState,
+        following: HandoverState,
+        grasp: Grasp,
+        helpers: trio.Nursery,
+    ) -> bool:
+        """Rise out of the block and go on along an approach to the next one; return whether there was room."""
         times_s, risen_m = approach.path.waypoint_times_s, self.arm.height_m + self.settings.parts_m - AT_HEIGHT_M
+        ended = trio.Event()
 
         async def part() -> None:
             while self.arm.height_m < risen_m:
+                if ended.is_set():  # it was refused, or stopped
+                    return
                 await self.cell.clock.sleep(TICK_S)
             meeting.parted.set()
-            await self.arm.hand.drive_jaw(self.arm.opening_rad(seen.grasp))
+            await self.arm.hand.drive_jaw(self.arm.opening_rad(grasp))
 
         def begun() -> None:
             helpers.start_soon(part)
@@ -165,8 +191,9 @@ class Giver(Side):
         except Blocked:
             self.cell.log.event("parts aside", arm=self.arm.name)
             return False
+        finally:
+            ended.set()
         await self.arm.hand.settle()
-        self.script.seen.put(replace(seen, there=True))
         return True
 
     async def _put_back(self, T_tip_block: SE3, source: int) -> None:

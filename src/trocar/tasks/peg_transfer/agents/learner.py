@@ -16,7 +16,6 @@ from trocar.perception.image import RgbdImage
 from trocar.perception.instrument import Sighting, sight
 from trocar.robots import Adaptive
 from trocar.robots.adaptive import Knowledge
-from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.grasps import Grasp
 
@@ -26,11 +25,6 @@ YAWS_RAD = np.linspace(-1.2, 1.2, 7)
 """Rotations of a vertical tool, as for grasps; the wrist is turned through all joint values that these need."""
 WIDER_RAD = 0.15
 """Extension of these joint ranges at both ends."""
-OVER_PEGS_M = 2e-3
-"""Height over the pegs' tops at which the tip stops for a look before it goes down; changes of the cables' errors below
-it are not seen."""
-FLOOR_M = 0.7e-3
-"""Points seen there less than this above the pegs do not belong to the instrument."""
 OPEN_RAD = 0.9
 """Opening of the jaws meanwhile; their plane shows the roll."""
 
@@ -101,19 +95,10 @@ class Learner:
 
     async def look(self, grasp: Grasp, opening_rad: float) -> None:
         """Look at the wrist over a block, and correct it before the arm goes down; all looks are combined later."""
-        high_m = self.table.board.peg_height_m + OVER_PEGS_M
-        path = await self.arm.plan(lambda: self.arm.motions.hovering(self.hand.q, grasp.T_board_tip, high_m))
-        if path is None:
-            return
-        try:
-            await self.arm.move(path.trajectory, jaw_rad=opening_rad)
-        except Blocked:  # the other arm is there: go down without a look once it has left room
-            return
-        await self.hand.settle()
+        if not await self.arm.stop_over(grasp, opening_rad):
+            return  # it goes down without a look
         row, q, jaw_rad = *self.robot.moment(self.arm.name), self.hand.jaw_rad
-        floor_m = self.table.board.peg_height_m + FLOOR_M
-        T_base_floor = self.arm.motions.T_base_board @ SE3.from_parts(translation_m=[0.0, 0.0, floor_m])
-        seen = await self._evaluated(await self.table.capture(self.hand), row, q, jaw_rad, T_base_floor)
+        seen = await self._evaluated(await self.table.capture(self.hand), row, q, jaw_rad, self.arm.T_base_floor)
         if seen is None:
             return
         spread = self.robot.spread(self.arm.name)

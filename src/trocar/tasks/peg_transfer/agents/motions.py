@@ -157,8 +157,13 @@ class Motions:
             return [q]
         return [q, self.above(q, self._settings.clear_height_m)]
 
-    def approach(self, q: Joints, grasp: Grasp, source: int, rise_m: float = 0.0) -> Approach:
-        """Return how to travel over the pegs, then down round the wall of a block; first up by ``rise_m``."""
+    def approach(
+        self, q: Joints, grasp: Grasp, source: int, rise_m: float = 0.0, aside_m: float | None = None
+    ) -> Approach:
+        """Return how to travel over the pegs, then down round the wall of a block.
+
+        First up by ``rise_m``, and, if it is given, there sideways by ``aside_m`` along the board's x.
+        """
         tip, over_m, first = self.tip(q), self._settings.clear_height_m, self.risen(q)
         off = tip.translation_m - grasp.T_board_tip.translation_m
         down = self.ik(grasp.T_board_tip)
@@ -169,7 +174,9 @@ class Motions:
         if rise_m:
             risen_m = float(tip.translation_m[2]) + rise_m
             first = [q, self.above(q, risen_m)]
-            if np.linalg.norm(off[:2]) < NEARBY_M:
+            if aside_m is not None:
+                first.append(self._moved(q, SE3.from_parts(translation_m=[aside_m, 0.0, rise_m]) @ tip))
+            elif np.linalg.norm(off[:2]) < NEARBY_M:
                 over_m = risen_m
         over = self.above(down, over_m)
         if np.abs(over - first[-1]).max() < SAME_RAD:
@@ -236,9 +243,11 @@ class Motions:
 
     def hovering(self, q: Joints, T_board_tip: SE3, height_m: float) -> TimedPath:
         """Return how to travel over the pegs, then down to another height over a pose."""
-        below = self.ik(T_board_tip)
-        down = [self.above(below, height) for height in (self._settings.clear_height_m, height_m)]
-        return self.through([*self.risen(q), *down])
+        below, first = self.ik(T_board_tip), self.risen(q)
+        over, down = (self.above(below, height) for height in (self._settings.clear_height_m, height_m))
+        if np.linalg.norm(self.tip(first[-1]).translation_m - self.tip(over).translation_m) < AT_HEIGHT_M:
+            return self.through([*first, down])  # it is over it already
+        return self.through([*first, over, down])
 
     def offering(self, q: Joints, T_tip_block: SE3, source: int, T_board_tip: SE3) -> TimedPath:
         """Return how to lift a block from its peg and bring it to the handover."""

@@ -9,11 +9,13 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
+from trocar.arms import fk
 from trocar.cell import MotionResult, Result
 from trocar.errors import ArmStopped, MotionRefused
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.motion import TimedPath
+from trocar.perception.instrument import sight
 from trocar.robots import TICK_S
 from trocar.robots.arm_script import ArmScript
 from trocar.robots.concurrency import together
@@ -35,6 +37,11 @@ BESIDE_M = 0.035
 PAUSE_S = 0.3
 """An arm that cannot leave waits so long before it tries again."""
 AT_HOME = 1e-6
+OVER_PEGS_M = 2e-3
+"""Height over the pegs' tops at which the tip stops for a look before it goes down; changes of the cables' errors below
+it are not seen."""
+FLOOR_M = 0.7e-3
+"""Points seen there less than this above the pegs do not belong to the instrument."""
 
 
 class PegArm:
@@ -51,6 +58,7 @@ class PegArm:
         eyes: look at blocks for it.
         before_descent: called with a grasp and the jaws' opening before the arm goes down to it; None: nothing is done.
         after_release: called when it has released a block; None: nothing is done.
+        bound_for: (6,) where the motion that it runs, or ran last, ends.
         stopped: whether it failed to reach the end of a motion, and is not used again.
     """
 
@@ -60,7 +68,8 @@ class PegArm:
         self.hand = ArmScript(context.cell, name, context.settings.limits, context.settings.settle_s)
         self.motions = Motions(context, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
-        self.hands_over = self.stopped = False
+        self.bound_for, self.stopped = self.home, False
+        self.hands_over = context.nominal.variant == "handover"
         self.eyes = Eyes(self)
         self.before_descent: Callable[[Grasp, float], Awaitable[None]] | None = None
         self.after_release: Callable[[], None] | None = None
@@ -82,10 +91,51 @@ class PegArm:
 
     def learn_offset(self, off_m: NDArray[np.float64]) -> None:
         """Learn from a block in these jaws that was seen (2,) off where it was expected, in the board's axes."""
-        across, offset = self.T_board_tip.matrix[:2, 0], self.motions.offset
-        offset.learn(across / np.linalg.norm(across), off_m)
+        across = self.T_board_tip.matrix[:2, 0]
+        self.motions.offset.learn(across / np.linalg.norm(across), off_m)
+        self._moved_by_offset()
+
+    def _moved_by_offset(self) -> None:
         self.coordinator.stands(self.name, self.motions.T_world_base)
-        self.cell.log.event("offset", arm=self.name, mm=np.round(1e3 * offset.xy_m, 2).tolist())
+        self.cell.log.event("offset", arm=self.name, mm=np.round(1e3 * self.motions.offset.xy_m, 2).tolist())
+
+    @property
+    def T_base_floor(self) -> SE3:
+        """Return the plane, z up, above which nothing but instruments is seen of an arm that stopped over a grasp."""
+        height_m = self.table.board.peg_height_m + FLOOR_M
+        return self.motions.T_base_board @ SE3.from_parts(translation_m=[0.0, 0.0, height_m])
+
+    async def stop_over(self, grasp: Grasp, opening_rad: float) -> bool:
+        """Stop for a look just over the pegs, before the tip goes down to a grasp; return whether that was possible."""
+        height_m = self.table.board.peg_height_m + OVER_PEGS_M
+        path = await self.plan(lambda: self.motions.hovering(self.hand.q, grasp.T_board_tip, height_m))
+        if path is None:
+            return False
+        try:
+            await self.move(path.trajectory, jaw_rad=opening_rad)
+        except Blocked:  # the other arm is there
+            return False
+        await self.hand.settle()
+        return True
+
+    async def look_at_tip(self, grasp: Grasp) -> None:
+        """Look at the jaws over a block that they missed, and learn how far the tip is from where its joints have it.
+
+        Nothing is learned if the arm cannot stop there, or is not seen.
+        """
+        if not await self.stop_over(grasp, self.opening_rad(grasp)):
+            return
+        image, q, T_base_board = await self.table.capture(self.hand), self.hand.q, self.motions.T_base_board
+        T_base_camera = T_base_board @ self.table.T_camera_board.inverse()
+        find = partial(sight, image, T_base_camera, self.model, q, self.hand.jaw_rad, self.T_base_floor)
+        seen = await self.hand.compute("perception", self.settings.sighting_budget_s, find)
+        if seen is None:
+            self.cell.log.event("wrist not seen", arm=self.name)
+            return
+        off_m = fk(self.model, seen.q).translation_m + seen.shift_m - fk(self.model, q).translation_m
+        for axis in np.eye(2):
+            self.motions.offset.learn(axis, T_base_board.rotation.inverse().apply(off_m)[:2])
+        self._moved_by_offset()
 
     async def exercise_wrist(self) -> None:
         """Turn the wrist back and forth, see ``ArmScript.exercise_wrist``, and find where the jaws are closed."""
@@ -282,6 +332,7 @@ class PegArm:
             departure=departure,
             waits=waits,
         )
+        self.bound_for = motion(motion.times_s[-1])
         if begun is not None:
             begun()
         if jaw_rad is None:

@@ -45,6 +45,7 @@ class Receiver(Side):
         super().__init__(arm, other, script)
         self._coming: Pending[Coming] = Pending()
         self._looked: Pending[tuple[SE3, Coming | None]] = Pending()
+        self._expected: HandoverState | None = None  # whose block is looked at as soon as it is offered
 
     async def come_near(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """Wait to the side until it is known where the block will be offered, then above where it will be grasped."""
@@ -57,9 +58,10 @@ class Receiver(Side):
         except Blocked:
             await self.arm.give_way()
         await self.wait_for(meeting.crowded, meeting.offered)
-        if not meeting.offered.is_set():  # the arm that brings the block needs room
+        if not meeting.offered.is_set():  # the arm that brings the block needs room on its way
             try:
                 await self._wait_beside()
+                await self._wait_above(meeting, helpers)
             except Blocked:
                 await self.arm.give_way()
             await self.wait_for(meeting.offered)
@@ -82,11 +84,10 @@ class Receiver(Side):
                 ready = await self.arm.plan(lambda: self._find_above(self.arm.hand.q, meeting, avoid))
             if ready is None:
                 return
-            begun = partial(self._looked.start, helpers, partial(self._look_ahead, ready.path, meeting))
             try:
                 await self.arm.move(
                     ready.path.trajectory,
-                    begun=begun if self.settings.looks_ahead else None,
+                    begun=partial(self._begin_to_look, meeting, helpers),
                     jaw_rad=self.settings.taking_rad,
                     margin_m=self.settings.meeting_margin_m,
                     waits=False,
@@ -109,7 +110,13 @@ class Receiver(Side):
 
         self._coming.start(helpers, plan)
 
-    async def _look_ahead(self, path: TimedPath, meeting: HandoverState) -> tuple[SE3, Coming | None] | None:
+    def _begin_to_look(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
+        """Look at the block as soon as it is offered, if the settings say so and this was not begun before."""
+        if self.settings.looks_ahead and self._expected is not meeting:
+            self._expected = meeting
+            self._looked.start(helpers, partial(self._look_ahead, meeting))
+
+    async def _look_ahead(self, meeting: HandoverState) -> tuple[SE3, Coming | None] | None:
         """Look at the block as soon as it is held still; plan the descent from where this arm's motion ends."""
         await meeting.offered.wait()
         if meeting.outcome is not None or meeting.T_board_block is None:
@@ -117,7 +124,7 @@ class Receiver(Side):
         block = await self.arm.eyes.see_held(self.other, meeting.T_board_block)
         if block is None:
             return None
-        return block, await self.arm.plan(lambda: self._find_descent(end_of(path), block, []))
+        return block, await self.arm.plan(lambda: self._find_descent(self.arm.bound_for, block, []))
 
     def _find_above(self, q: Joints, meeting: HandoverState, avoid: list[int]) -> Coming | None:
         assert meeting.T_board_block is not None and meeting.T_board_giver is not None

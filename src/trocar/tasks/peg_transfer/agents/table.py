@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.cell import Result
 from trocar.eval import AgentContext
@@ -34,7 +35,7 @@ class Table:
     def __init__(self, context: AgentContext):
         self.cell, self.settings, self.see = context.cell, context.settings, context.perception
         self.board, self.block = context.nominal.board, context.nominal.block
-        name = depth_camera(context.cell)
+        self._name = name = depth_camera(context.cell)
         self.camera, self.T_world_camera = context.cell.cameras[name], context.cell.T_world_camera_registered[name]
         self.T_world_board = context.cell.T_world_fixture["board"]
         self.blocks: dict[int, SE3] = {}
@@ -60,6 +61,7 @@ class Table:
             found = await hand.compute("perception", self.settings.survey_budget_s, find)
             if not isinstance(found, str):
                 self.T_world_board = found
+                self.saw(image, {"board": self.board.rim_m})
                 return True
         self.cell.log.event("stopped", outcome=TransferOutcome.BOARD_NOT_FOUND.name, reason=found)
         return False
@@ -78,10 +80,15 @@ class Table:
         found = await hand.compute(
             "perception", self.settings.survey_budget_s, lambda: [self.find_block(image, peg) for peg in pegs]
         )
-        seen = [peg for peg, pose in zip(pegs, found, strict=True) if not isinstance(pose, str)]
+        seen = {peg: pose for peg, pose in zip(pegs, found, strict=True) if not isinstance(pose, str)}
         missing = sorted(set(pegs) - set(seen))
-        self.cell.log.event("check", pegs=seen, missing=missing)
+        self.saw(image, {f"block on {peg}": pose.apply(self.block.rim_m) for peg, pose in seen.items()})
+        self.cell.log.event("check", pegs=[*seen], missing=missing)
         return not missing
+
+    def saw(self, image: RgbdImage, rims_m: Mapping[str, NDArray[np.float64]]) -> None:
+        """Note what an image shows, for whoever watches: lines (n, 3) in the board's frame."""
+        self.cell.log.saw(self._name, image, {name: self.T_camera_board.apply(rim) for name, rim in rims_m.items()})
 
 
 class Eyes:
@@ -97,6 +104,9 @@ class Eyes:
     async def look(self, image: RgbdImage, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
         """Return how to grasp the block on a peg in an image, avoiding grasps that have failed, or why it cannot be."""
         seen = await self._perceive(lambda: self._plan_grasp(image, source, failed))
+        if source in self.table.blocks:
+            rim_m = self.table.blocks[source].apply(self.table.block.rim_m)
+            self.table.saw(image, {f"block on {source}": rim_m})
         if isinstance(seen, Grasp):
             return seen
         reason, outcome = seen
@@ -136,6 +146,7 @@ class Eyes:
         if isinstance(found, str):
             self.arm.cell.log.event("no look", arm=self.arm.name, reason=found)
             return None
+        table.saw(image, {"block": found.apply(table.block.rim_m)})
         if self.settings.learns_offset:
             holder.learn_offset((found.translation_m - T_board_expected.translation_m)[:2])
         return found

@@ -79,7 +79,7 @@ class Bilateral(TwoArms):
         lefts = [goal for goal in self.goals if goal in LEFT_GOALS]
         rights = [goal for goal in self.goals if goal not in LEFT_GOALS]
         self.scripts = {arm.name: OneArm(arm, own, True) for arm, own in ((self.left, lefts), (self.right, rights))}
-        self.looks = [script.look_first for script in self.scripts.values()]
+        self.looks = [partial(script.look_first, script.goals) for script in self.scripts.values()]
 
     async def work(self, arm: PegArm) -> None:
         """Do an arm's own transfers."""
@@ -95,10 +95,13 @@ class Handover(TwoArms):
         rounds, x_m = range(self.settings.rounds), self.table.board.pegs_m[:, 0]
         giver = {goal: self.right if x_m[goal.target] < x_m[goal.source] else self.left for goal in self.goals}
         self.appointments = [[HandoverState(goal, giver[goal].name) for _ in rounds] for goal in self.goals]
+        self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
+        if self.goals:
+            self.looks = [partial(self.scripts[giver[self.goals[0]].name].look_first, self.goals)]
 
     async def work(self, arm: PegArm) -> None:
         """Give or receive the block of each transfer: the arm on the side of the source gives."""
-        script, other = OneArm(arm, (), beside=True), self.left if arm is self.right else self.right
+        script, other = self.scripts[arm.name], self.left if arm is self.right else self.right
         giver, receiver = Giver(arm, other, script), Receiver(arm, other, script)
         working = True
         for rounds, following in zip(self.appointments, [*self.appointments[1:], [None]], strict=True):

@@ -149,10 +149,10 @@ class OneArm:
             **({"reason": reason} if reason else {}),
         )
 
-    async def look_first(self) -> None:
-        """Look at the first block while the arm is still waking."""
-        if self.goals:
-            source = self.goals[0].source
+    async def look_first(self, goals: Sequence[Transfer]) -> None:
+        """Look at the first block of these transfers while the arm is still waking."""
+        if goals:
+            source = goals[0].source
             grasp = await self.arm.eyes.see(source)
             self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
 
@@ -292,6 +292,8 @@ class OneArm:
             self.cell.log.event("pick failed", peg=source, attempt=attempt, jaw_rad=jaw_rad)
             failed.append(grasp.candidate)
             await self.arm.let_go()
+            if self.settings.learns_offset:
+                await self.arm.look_at_tip(grasp)
         return TransferOutcome.NOT_GRASPED
 
     async def _see(self, source: int, failed: Sequence[int]) -> Grasp | TransferOutcome:
@@ -318,7 +320,7 @@ class Unilateral(OneArm):
 
     async def run(self) -> None:
         """Do the transfers one after the other, and look once more at the end."""
-        if not await begin(self.table, [self.arm], [self.look_first]):
+        if not await begin(self.table, [self.arm], [partial(self.look_first, self.goals)]):
             return
         async with learning([self.arm]):
             await self.transfer_all()

@@ -29,7 +29,9 @@ down, because the upper edge of the walls counts as face."""
 STEP_UP_M = 1.0e-3
 MIN_VISIBLE = 0.30
 MAX_MISMATCH = 0.22
-MAX_TILT_RAD = np.radians(8.0)
+MAX_TILT_RAD, MAX_HELD_TILT_RAD = np.radians(8.0), np.radians(14.0)
+"""Of a block on the board, and in jaws, which hold it at any angle that the wrist has; further turned, a face of
+8.95 mm leaves the window of heights."""
 MIN_POINTS = 40
 
 NODE_M, MAP_M = 0.2e-3, 14e-3
@@ -60,7 +62,9 @@ def find_block(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Bl
     if not 0 <= peg < len(pegs):
         raise InvalidValue("the peg's number", peg, f"the board has pegs 0 to {len(pegs) - 1}")
     others = np.delete(pegs, peg, 0)[:, :2] - pegs[peg][:2]
-    return _find_around(image, T_camera_board, pegs[peg] + [0, 0, block.height_m], block, others, f"peg {peg}")
+    return _find_around(
+        image, T_camera_board, pegs[peg] + [0, 0, block.height_m], block, others, MAX_TILT_RAD, f"peg {peg}"
+    )
 
 
 def find_held_block(image: RgbdImage, T_camera_board: SE3, block: Block, T_board_expected: SE3) -> SE3 | str:
@@ -70,11 +74,11 @@ def find_held_block(image: RgbdImage, T_camera_board: SE3, block: Block, T_board
     within some millimetres of where the arm's joints have it.
     """
     at = T_board_expected.translation_m
-    return _find_around(image, T_camera_board, at, block, np.zeros((0, 2)), "the block in the jaws")
+    return _find_around(image, T_camera_board, at, block, np.zeros((0, 2)), MAX_HELD_TILT_RAD, "the block in the jaws")
 
 
 def _find_around(
-    image: RgbdImage, T_camera_board: SE3, top_m: Array, block: Block, others_m: Array, what: str
+    image: RgbdImage, T_camera_board: SE3, top_m: Array, block: Block, others_m: Array, max_tilt_rad: float, what: str
 ) -> SE3 | str:
     """Return the pose of the block whose top face is near a point (3,) in the board's frame, or why there is none."""
     T_board_top = SE3.from_parts(translation_m=top_m)
@@ -82,11 +86,11 @@ def _find_around(
     patch = patch_around(image, T_camera_board @ T_board_top, -half, half)
     if patch is None:
         return f"{what} lies outside the image"
-    found = _find_in_window(patch, T_camera_board @ T_board_top, block, others_m)
+    found = _find_in_window(patch, T_camera_board @ T_board_top, block, others_m, max_tilt_rad)
     return found if isinstance(found, str) else T_board_top @ found
 
 
-def _find_in_window(patch: Patch, T_camera_top: SE3, block: Block, others_m: Array) -> SE3 | str:
+def _find_in_window(patch: Patch, T_camera_top: SE3, block: Block, others_m: Array, max_tilt_rad: float) -> SE3 | str:
     """Return the pose in the frame of the top face of a block that is centred on the peg, or why there is none."""
     T_top_camera = T_camera_top.inverse()
     rays = patch.rays @ T_top_camera.rotation.matrix.T
@@ -111,7 +115,7 @@ def _find_in_window(patch: Patch, T_camera_top: SE3, block: Block, others_m: Arr
         return "the pixels at the height of a block form no plane"
     a, b, c = plane
     tilt = float(np.arctan(np.hypot(a, b)))
-    if tilt > MAX_TILT_RAD:
+    if tilt > max_tilt_rad:
         return f"the surface is tilted by {shown(tilt, 'rad', '.0f')}"
 
     # Where each ray meets the plane of the outline, whether or not it ends there; rays that hit the peg, or that belong

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from trocar.eval import PaperCount, PaperRow, TaskReport, in_words
 from trocar.eval.statistics import session_interval
+from trocar.eval.turns import NEARLY_S, turns_of
 from trocar.geometry import SE3
 from trocar.replay import Viewpoint
 from trocar.report import style
-from trocar.report.timechart import NEARLY_S, parts_of, turns_of
+from trocar.report.timechart import parts_of
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Pegboard
 
@@ -135,7 +136,10 @@ class PegReport(TaskReport):
 
     view = Viewpoint((0.13, -0.46, 0.33))
     parts = ("capture", "perception", "planning", "motion", "jaw", "settling", "waiting")
-    colours: Mapping[str, tuple[float, float, float]] = {"block": (0.86, 0.55, 0.13)}
+    colours: Mapping[str, tuple[float, float, float]] = {
+        "block": (0.86, 0.55, 0.13),
+        "board capsule": (0.93, 0.90, 0.85),
+    }
     outcomes = TransferOutcome
     captions: Mapping[str, str] = {
         "paths": "Path of the tool's tip over the board, from above and from the side; colours distinguish transfers"
@@ -212,8 +216,8 @@ class PegReport(TaskReport):
 
     def notes(self, trials: Sequence[Trial]) -> list[str]:
         """Return how close the time is to motion alone, and which colours are changed."""
-        amber = "blocks are amber in the pictures only; the camera sees them red"
-        return [floor_sentence(motion_floor_s(trials)), amber]
+        painted = "blocks are amber and pegs pale in the pictures only; the camera sees all of it red"
+        return [floor_sentence(motion_floor_s(trials)), painted]
 
 
 def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
