@@ -30,7 +30,8 @@ lint: .venv/dev.stamp
 bench: .venv/dev.stamp
 	for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
-# Figures of README.md and docs/: measured where the code has changed since; ARGS="--at-most 5" leaves out what takes longer.
+# Figures of README.md and docs/: measured where the code has changed since, an evening for all; ARGS="--at-most 5" leaves
+# out what takes longer. The check fails where README's figures are not of this code.
 figures: .venv/dev.stamp
 	$(BIN)/python tools/figures.py measure $(ARGS)
 

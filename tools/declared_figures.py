@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from trocar.errors import TrocarError
+from trocar.files.output import write_json
 
 FOLDER = Path("docs/figures")
 MEASURED, TABLES = FOLDER / "measured", FOLDER / "tables"
@@ -24,12 +25,12 @@ class Measurement:
         name: of its record, and of what tables call it.
         command: as a reader would type it.
         sources: files and folders that its figures depend on, or names of groups of them; with ``!`` left out.
-        minutes: how long it takes, roughly.
+        minutes: how long it takes on one core, roughly.
         run_with: added to the command when it is run; ``{folder}``: kept between runs, ``{jobs}``.
-        keep: of the JSON object that it prints: paths with dots, ``*`` for any step.
+        keep: of the JSON object that it prints: paths with dots, ``*`` for any step, or names of groups of them.
         index: lists of objects in that, to be read as one object: path of the list to the key that names its members.
         find: of the text that it prints: name to regular expression, whose groups are kept, all matches of them.
-        machine: paths of values that depend on the machine.
+        alone: run while nothing else runs here, because it compares speeds.
     """
 
     name: str
@@ -40,7 +41,7 @@ class Measurement:
     keep: tuple[str, ...] = ()
     index: Mapping[str, str] = field(default_factory=dict)
     find: Mapping[str, str] = field(default_factory=dict)
-    machine: tuple[str, ...] = ()
+    alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,39 +53,41 @@ class Record:
         commit: of the code.
         values: as JSON has them.
         date: day of the measurement.
-        digest: of the sources then (``source_age``); empty: unknown.
-        machine: that it ran on, if that matters.
-        origin: where they come from, if nobody measured them with this tool.
+        digest: of the sources then (``source_age``).
+        older: the code had changed when pages were written last.
     """
 
     command: str
     commit: str
     values: Mapping[str, Any]
-    date: str = ""
-    digest: str = ""
-    machine: str = ""
-    origin: str = ""
+    date: str
+    digest: str
+    older: bool = False
 
 
 def read_measurements(root: Path) -> dict[str, Measurement]:
-    """Return all measurements that the TOML files of the folder declare, with the groups of sources put in.
+    """Return all measurements that the TOML files of the folder declare, with groups of sources and values put in.
 
     Raises:
         TrocarError: a file is damaged, a key unknown or missing, or a name taken twice.
     """
     files = {path: _toml(path) for path in sorted((root / FOLDER).glob("*.toml"))}
-    groups: dict[str, list[str]] = {}
+    sources: dict[str, list[str]] = {}
+    kept: dict[str, list[str]] = {}
     for content in files.values():
-        groups |= content.get("sources", {})
+        sources |= content.get("sources", {})
+        kept |= content.get("kept", {})
     found: dict[str, Measurement] = {}
     for path, content in files.items():
         for name, given in content.get("measured", {}).items():
             if name in found:
                 raise TrocarError(f"measurement {name!r} of {str(path)!r} is declared twice; call one otherwise")
             try:
-                sources = tuple(_spread(given.pop("sources"), groups))
-                lists = {key: tuple(value) for key, value in given.items() if isinstance(value, list)}
-                found[name] = Measurement(name=name, sources=sources, **{**given, **lists})
+                lists = {
+                    "sources": _spread(given.pop("sources"), sources),
+                    "keep": _spread(given.pop("keep", []), kept),
+                }
+                found[name] = Measurement(name=name, **{key: tuple(value) for key, value in lists.items()}, **given)
             except (TypeError, KeyError) as error:
                 known = ", ".join(f.name for f in fields(Measurement))
                 raise TrocarError(f"measurement {name!r} of {str(path)!r}: {error}; keys are {known}") from None
@@ -105,6 +108,13 @@ def read_record(root: Path, name: str) -> Record | None:
         return Record(**{key: value for key, value in content.items() if key != "made_by"})
     except (ValueError, TypeError) as error:
         raise TrocarError(f"record {str(path)!r} is damaged ({error}); measure {name} again") from None
+
+
+def write_record(root: Path, name: str, record: Record) -> None:
+    """Keep what was measured, in place of what was before."""
+    path = root / MEASURED / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, asdict(record), "figure")
 
 
 def _toml(path: Path) -> dict[str, Any]:

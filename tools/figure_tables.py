@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,6 @@ from trocar.errors import TrocarError
 
 BLOCK = re.compile(r"(<!-- figures: (\S+) -->\n)(.*?)(<!-- /figures -->)", re.DOTALL)
 """A table in a page: its begin with its name, what stands there, its end."""
-
-MACHINE_MARK = "†"
-
-
-class OfMachine(float):
-    """A number that another machine would not give; wherever it is shown it bears a mark."""
 
 
 class Tables:
@@ -32,13 +26,13 @@ class Tables:
     """
 
     def __init__(self, root: Path, measurements: Mapping[str, Measurement], records: Mapping[str, Record]):
-        self.root, self.records = root, records
+        self.root = root
         self.pages = [root / "README.md", *sorted((root / "docs").glob("*.md"))]
-        self._values = {name: _seen(record, measurements[name]) for name, record in records.items()}
+        self._values = {name: _seen(each, records.get(name)) for name, each in measurements.items()}
         self._jinja = Environment(
             loader=FileSystemLoader(root / TABLES), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
         )
-        self._jinja.filters |= {"fixed": fixed, "bare": bare, "percent": percent, "spread": spread}
+        self._jinja.filters |= {"fixed": fixed, "bare": bare, "percent": percent}
 
     def names(self, page: Path) -> list[str]:
         """Return the tables that a page has."""
@@ -55,23 +49,22 @@ class Tables:
             raise TrocarError(f"template of table {name!r}: {error}") from None
 
     def table(self, name: str) -> str:
-        """Return a table as it is to stand in a page.
+        """Return a table as it is to stand in a page; where a figure is missing, which commands are to be run.
 
         Raises:
-            TrocarError: it has no template, or speaks of what was not measured.
+            TrocarError: it has no template, or speaks of what no measurement has.
         """
         used = self.measurements_in(name)
-        missing = [each for each in used if each not in self._values]
-        if missing:
-            raise TrocarError(f"table {name!r}: {missing[0]} was never measured; python tools/figures.py measure it")
+        unknown = [each for each in used if each not in self._values]
+        if unknown:
+            raise TrocarError(f"table {name!r}: there is no measurement {unknown[0]!r} in docs/figures/*.toml")
+        missing = [self._values[each]["command"] for each in used if not self._values[each]["commit"]]
         try:
-            text = self._jinja.get_template(f"{name}.md.j2").render(self._values).strip("\n")
-        except TemplateError as error:
+            return self._jinja.get_template(f"{name}.md.j2").render(self._values).strip("\n")
+        except (TemplateError, TypeError) as error:  # TypeError: an undefined value was to be formatted
+            if missing:
+                return f"Not measured yet: `{'`, `'.join(missing)}`"
             raise TrocarError(f"template of table {name!r}: {error}") from None
-        if MACHINE_MARK in text:
-            machines = dict.fromkeys(self.records[each].machine for each in used if self.records[each].machine)
-            text += f"\n\n{MACHINE_MARK} depends on the machine: {'; '.join(machines) or 'which one was not noted'}."
-        return text
 
     def rendered(self, page: Path) -> tuple[str, list[str]]:
         """Return a page's text with its tables made anew, and why some stay as they are."""
@@ -100,40 +93,22 @@ class Tables:
 
 def fixed(value: float, digits: int = 0) -> str:
     """Return a number with so many digits behind the point."""
-    return f"{value:.{digits}f}" + _mark(value)
+    return f"{value:.{digits}f}"
 
 
 def bare(value: float, digits: int) -> str:
     """Return the same without a zero before the point; 0 where nothing is left."""
     text = f"{value:.{digits}f}"
-    return ("0" if float(text) == 0 else re.sub(r"^(-?)0\.", r"\1.", text)) + _mark(value)
+    return "0" if float(text) == 0 else re.sub(r"^(-?)0\.", r"\1.", text)
 
 
 def percent(value: float, digits: int = 1) -> str:
     """Return a share in percent; whole numbers without a fraction."""
-    return re.sub(r"\.0+$", "", f"{100 * value:.{digits}f}") + _mark(value)
+    return re.sub(r"\.0+$", "", f"{100 * value:.{digits}f}")
 
 
-def spread(estimate: Mapping[str, float], digits: int) -> str:
-    """Return an estimate with half of its interval: 3.42 ± 0.01."""
-    half = 0.5 * (estimate["high"] - estimate["low"])
-    return f"{estimate['mean']:.{digits}f} ± {half:.{digits}f}" + _mark(estimate["mean"])
-
-
-def _mark(value: float) -> str:
-    return MACHINE_MARK if isinstance(value, OfMachine) else ""
-
-
-def _seen(record: Record, measurement: Measurement) -> dict[str, Any]:
-    """Return what a template sees of a record: its values, and ``command``, ``commit`` and ``origin``."""
-    values = {key: _marked(value, (key,), measurement.machine) for key, value in record.values.items()}
-    return values | {"command": record.command, "commit": record.commit, "origin": record.origin}
-
-
-def _marked(value: Any, place: tuple[str, ...], machine: Sequence[str]) -> Any:
-    if isinstance(value, dict):
-        return {key: _marked(inner, (*place, key), machine) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_marked(inner, (*place, str(k)), machine) for k, inner in enumerate(value)]
-    of_machine = any(place[: len(path)] == path for path in (tuple(one.split(".")) for one in machine))
-    return OfMachine(value) if of_machine and isinstance(value, int | float) else value
+def _seen(measurement: Measurement, record: Record | None) -> dict[str, Any]:
+    """Return what a template sees: values, if there are any, ``command``, ``commit`` (or an empty one), ``older``."""
+    if record is None:
+        return {"command": measurement.command, "commit": ""}
+    return {**record.values, "command": record.command, "commit": record.commit, "older": record.older}

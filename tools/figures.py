@@ -1,11 +1,11 @@
 """The figures in README.md and docs/*.md: measured, written between their markers, and checked.
 
-    python tools/figures.py measure [NAME ...] [--at-most MINUTES] [--jobs N] [--again] [--busy]
+    python tools/figures.py measure [NAME ...] [--at-most MINUTES] [--again]
     python tools/figures.py write                 tables anew from what was measured; nothing is run
-    python tools/figures.py check                 pages against records (exit code 1), and what is older than the code
+    python tools/figures.py check                 exit code 1: pages are not what was measured, or README not up to date
 
-``measure`` without names measures what the code has changed under; what was interrupted goes on where it stopped.
-How a figure is declared: docs/figures.md, "Adding a figure".
+``measure`` without names measures what the code has changed under, the longest first, two at a time, each with half of
+the cores; what was interrupted goes on where it stopped. How a figure is declared: docs/figures.md, "Adding a figure".
 """
 
 from __future__ import annotations
@@ -14,15 +14,20 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 
-from declared_figures import Measurement, Record, read_measurements, read_record
+from declared_figures import Measurement, Record, read_measurements, read_record, write_record
 from figure_tables import Tables
-from measure_figures import is_busy, measure
+from measure_figures import measure
 from source_age import why_older
 from trocar.errors import TrocarError
 
 ROOT = Path(__file__).resolve().parents[1]
+
+AT_ONCE = 2
+"""So many measurements are made at a time."""
 
 
 class Figures:
@@ -46,6 +51,20 @@ class Figures:
             for name, each in self.measurements.items()
         }
         return {name: why for name, why in said.items() if why}
+
+    def write(self) -> tuple[list[Path], list[str]]:
+        """Note which records are of older code, and write the tables; return what ``Tables.write`` returns."""
+        older = self.older()
+        for name, record in self.records.items():
+            if record.older != (name in older):
+                self.records[name] = replace(record, older=name in older)
+                write_record(self.root, name, self.records[name])
+        return self.tables.write()
+
+    def headlines(self) -> set[str]:
+        """Return the measurements that stand in README."""
+        tables = self.tables
+        return {each for name in tables.names(self.root / "README.md") for each in _used(tables, name)}
 
     def wrong(self) -> list[str]:
         """Return a sentence for each page that is not what was measured, and each record of another command."""
@@ -71,42 +90,53 @@ def measure_all(figures: Figures, given: argparse.Namespace) -> int:
     if unknown:
         raise TrocarError(f"measurement {unknown[0]!r} is unknown; choose of {', '.join(figures.measurements)}")
     older = figures.older()
-    asked = given.names or list(figures.measurements)
-    todo = [figures.measurements[name] for name in asked if given.again or given.names or name in older]
-    todo = sorted((each for each in todo if each.minutes <= given.at_most), key=lambda each: each.minutes)
-    print(f"{len(todo)} to measure, about {sum(each.minutes for each in todo):.0f} minutes of an idle machine")
-    failed = 0
-    for number, each in enumerate(todo, start=1):
-        print(f"[{number}/{len(todo)}] {each.name}: {each.command}", flush=True)
-        failed += not _measured(figures, each, given)
+    asked = given.names or [name for name in figures.measurements if given.again or name in older]
+    todo = [figures.measurements[name] for name in asked if figures.measurements[name].minutes <= given.at_most]
+    for name in figures.measurements:
+        print(f"{name}: {older.get(name) or f'of this code, measured on {figures.records[name].date}'}")
+    print(f"{len(todo)} to measure, about {sum(each.minutes for each in todo) / AT_ONCE:.0f} minutes of two idle cores")
+    together = sorted((each for each in todo if not each.alone), key=lambda each: -each.minutes)
+    alone = [each for each in todo if each.alone]
+    failed = _measured(figures, together, AT_ONCE) + _measured(figures, alone, 1)
     return int(failed > 0)
 
 
-def _measured(figures: Figures, each: Measurement, given: argparse.Namespace) -> bool:
-    """Measure one and write the pages; return whether that worked."""
-    if each.machine and is_busy() and not given.busy:
-        print("  left out: it measures times, and this machine is busy; wait, or say --busy")
-        return False
-    try:
-        figures.records[each.name] = measure(figures.root, each, given.jobs)
-        figures.tables.write()
-    except TrocarError as error:
-        print(f"  {error}")
-        return False
-    return True
+def _measured(figures: Figures, todo: Sequence[Measurement], at_once: int) -> int:
+    """Measure in this order, so many at once, writing the pages after each; return how many failed."""
+    failed, jobs = 0, max(1, (os.cpu_count() or 1) // AT_ONCE)
+
+    def begin(each: Measurement) -> Record:
+        print(f"{each.name}: {each.command}", flush=True)
+        return measure(figures.root, each, jobs)
+
+    with ThreadPoolExecutor(at_once) as pool:
+        running: dict[Future[Record], Measurement] = {pool.submit(begin, each): each for each in todo}
+        try:
+            for number, done in enumerate(as_completed(running), start=1):
+                name = running[done].name
+                try:
+                    figures.records[name] = done.result()
+                    figures.write()
+                    print(f"[{number}/{len(todo)}] {name}: measured", flush=True)
+                except TrocarError as error:
+                    print(f"[{number}/{len(todo)}] {name}: {error}", flush=True)
+                    failed += 1
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return failed
 
 
 def check(figures: Figures) -> int:
-    """Say what is wrong and what is older than the code; return 1 if something is wrong."""
-    wrong, older, tables = figures.wrong(), figures.older(), figures.tables
+    """Say what is wrong and what is older than the code; return 1 if something is wrong, or README not up to date."""
+    wrong, older, headlines = figures.wrong(), figures.older(), figures.headlines()
     for sentence in wrong:
         print(f"wrong: {sentence}")
     for name, why in older.items():
-        pages = [page.name for page in tables.pages if any(name in _used(tables, t) for t in tables.names(page))]
-        print(f"older than the code: {name} ({', '.join(pages)}) {why}")
+        print(f"{'README is out of date' if name in headlines else 'older than the code'}: {name}, {why}")
     current = len(figures.measurements) - len(older)
     print(f"{current} of {len(figures.measurements)} measurements are of today's code; {len(wrong)} mistakes")
-    return int(bool(wrong))
+    return int(bool(wrong) or bool(headlines & set(older)))
 
 
 def _used(tables: Tables, table: str) -> Sequence[str]:
@@ -123,9 +153,7 @@ def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:
     measuring = verbs.add_parser("measure", help="run commands and write their figures into the pages")
     measuring.add_argument("names", nargs="*", metavar="NAME", help="none: all that are older than the code")
     measuring.add_argument("--at-most", type=float, default=float("inf"), metavar="MINUTES", help="no longer ones")
-    measuring.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many trials at once")
     measuring.add_argument("--again", action="store_true", help="also what is of today's code")
-    measuring.add_argument("--busy", action="store_true", help="measure times though other things run here")
     verbs.add_parser("write", help="write the tables anew from what was measured")
     verbs.add_parser("check", help="pages against records, and records against the code")
     given = parser.parse_args(words)
@@ -135,7 +163,7 @@ def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:
             return measure_all(figures, given)
         if given.verb == "check":
             return check(figures)
-        changed, wrong = figures.tables.write()
+        changed, wrong = figures.write()
         for page in changed:
             print(f"written: {page.relative_to(root)}")
         for sentence in wrong:
@@ -147,7 +175,6 @@ def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:
     except KeyboardInterrupt:
         print("stopped; what was measured stands in the pages; run the same command to continue", file=sys.stderr)
         return 130
-    return 0
 
 
 if __name__ == "__main__":

@@ -5,23 +5,23 @@ from __future__ import annotations
 import datetime
 import json
 import os
-import platform
 import re
 import shlex
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from declared_figures import MEASURED, Measurement, Record
+from declared_figures import Measurement, Record, write_record
 from source_age import commit_of, digest_of
 from trocar.errors import TrocarError
-from trocar.files.output import write_json
 
 GOALS_MISSED = 1
 """Exit code of `trocar run` where not every goal was reached: no trouble, a figure."""
+
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Of libraries in a process, so that each keeps to its core."""
 
 
 def measure(root: Path, measurement: Measurement, jobs: int) -> Record:
@@ -39,11 +39,8 @@ def measure(root: Path, measurement: Measurement, jobs: int) -> Record:
     if digest_of(root, measurement.sources) != digest:
         raise TrocarError(f"the sources of {measurement.name} have changed while it was measured; measure it again")
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    machine = machine_name() if measurement.machine else ""
-    record = Record(measurement.command, commit, values, today, digest, machine)
-    path = root / MEASURED / f"{measurement.name}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_json(path, {key: value for key, value in asdict(record).items() if value}, "figure")
+    record = Record(measurement.command, commit, values, today, digest)
+    write_record(root, measurement.name, record)
     return record
 
 
@@ -72,20 +69,6 @@ def read_answer(measurement: Measurement, answer: str) -> dict[str, Any]:
     return found
 
 
-def is_busy() -> bool:
-    """Return whether so much else runs here that times would say nothing."""
-    return os.getloadavg()[0] > 0.5 * (os.cpu_count() or 1)
-
-
-def machine_name() -> str:
-    """Return what times depend on: the processor and how many there are of it."""
-    model = platform.processor() or platform.machine()
-    if Path("/proc/cpuinfo").is_file():
-        names = re.findall(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
-        model = names[0] if names else model
-    return f"{model}, {os.cpu_count()} cores"
-
-
 def _run(root: Path, line: str) -> str:
     words = shlex.split(line)
     starts = {"trocar": [sys.executable, "-m", "trocar"], "python": [sys.executable]}
@@ -95,7 +78,7 @@ def _run(root: Path, line: str) -> str:
     done = subprocess.run(
         [*starts[words[0]], *words[1:]],
         cwd=root,
-        env={**os.environ, "PYTHONPATH": paths},
+        env={**os.environ, "PYTHONPATH": paths} | dict.fromkeys(ONE_THREAD, "1"),
         stdout=subprocess.PIPE,
         text=True,
         check=False,

@@ -57,11 +57,12 @@ def commit_of(root: Path, sources: Sequence[str]) -> str:
 
 def why_older(root: Path, measurement: Measurement, record: Record) -> str:
     """Return in what the code has changed since a measurement; empty if in nothing."""
-    if record.digest and record.digest == digest_of(root, measurement.sources):
+    if record.digest == digest_of(root, measurement.sources):
         return ""
     changed = _git(root, "diff", "--name-only", record.commit, "--", *_pathspecs(measurement.sources))
+    measured = f"measured on {record.date} at {record.commit}"
     if changed is None:
-        return f"measured at {record.commit}, which this clone does not have: what has changed since is not known"
+        return f"{measured}, which this clone does not have: what has changed since is not known"
     names: list[str] = []
     for name in changed.split():
         if not _same_program(root, record.commit, name):
@@ -71,7 +72,7 @@ def why_older(root: Path, measurement: Measurement, record: Record) -> str:
     if not names:
         return ""
     more = " and more" if len(names) > SHOWN else ""
-    return f"measured at {record.commit}; since then have changed: {', '.join(names[:SHOWN])}{more}"
+    return f"{measured}; since then have changed: {', '.join(names[:SHOWN])}{more}"
 
 
 def _same_program(root: Path, commit: str, name: str) -> bool:
