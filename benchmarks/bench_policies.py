@@ -2,8 +2,8 @@
 
 Scores scripts and policies on new sessions, with raw cables and above compensated ones, at two difficulties; prints the
 table and draws the picture of ``docs/learning.md``. Policies lie in folders below POLICIES: ``mlp-raw`` and
-``mlp-calibrated`` as ``examples/chunked_mlp.py`` writes them, ``act-raw`` and ``act-calibrated`` as ``lerobot-train``
-does; what is not there is left out. Interrupted, the same command continues.
+``mlp-calibrated`` as ``examples/chunked_mlp.py`` writes them, ``act-raw`` and ``act-calibrated`` as
+``examples/lerobot_act.py`` does; what is not there is left out. Interrupted, the same command continues.
 
 Run: .venv/bin/python benchmarks/bench_policies.py POLICIES --lerobot PYTHON --out out/policies
 """
@@ -33,13 +33,12 @@ DIFFICULTIES = ("mild", "recorded")
 SERVER = Path(__file__).parents[1] / "examples" / "lerobot_server.py"
 PORT = 5599
 """The address of a policy is part of its run, which another port would not continue."""
-CHECKPOINT = Path("checkpoints", "last", "pretrained_model")
 
 
 @contextmanager
 def served(python: str, folder: Path) -> Iterator[str]:
     """Serve a policy of LeRobot; give its address once it answers."""
-    command = [python, str(SERVER), str(folder / CHECKPOINT), "--port", str(PORT)]
+    command = [python, str(SERVER), str(folder), "--port", str(PORT)]
     server = subprocess.Popen(command, env={**os.environ, "HF_HUB_OFFLINE": "1"}, stdout=subprocess.PIPE)
     try:
         assert server.stdout is not None
@@ -122,7 +121,7 @@ def draw(rows: dict[tuple[str, str, str], dict[str, Any]], figure: Figure) -> No
         axes.set_ylim(-4, 104)
         axes.set_title(difficulty)
     grid[0].set_ylabel("transfers done, %")
-    grid[0].legend(loc="upper right")
+    grid[1].legend(loc="lower right")
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ from trocar.cell import Cell
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
+from trocar.log import machine_speed
 from trocar.robots import Compensated, Guarded
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.record import ContactMonitor, Recorder
@@ -96,7 +97,7 @@ def main(seed: int, transfers: int) -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     cv2.setNumThreads(1)
-    config = RunConfig(PegTransfer(transfers=transfers), method="calibrated", difficulty="mild", seed=seed)
+    config = RunConfig(PegTransfer(transfers=transfers), method="calibrated", seed=seed)
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
         prepared = prepare(config, 0, Path(folder))
@@ -114,6 +115,8 @@ def main(seed: int, transfers: int) -> None:
     print(f"real time                 {trial.wall_s:7.2f} s   (processor {cpu_s:.2f} s)")
     factor, by_cpu = trial.duration_s / trial.wall_s, trial.duration_s / cpu_s
     print(f"real-time factor          {factor:7.2f}     (by the processor's time {by_cpu:.2f})")
+    speed = machine_speed()
+    print(f"at the reference's speed  {by_cpu / speed:7.2f}     (this machine is {speed:.2f} times as fast as that)")
     if cpu_s < BUSY * trial.wall_s:
         print("the machine was busy with other work: believe the processor's time, and run again for the parts")
     print(f"{'part':36} {'s':>7} {'share':>6} {'calls':>7} {'ms a call':>10}")

@@ -66,7 +66,7 @@ def frames_of(data):
     return seen, chunks
 
 
-def train(data, out, epochs=60, width=512, batch=256, seed=0):
+def train(data, out, epochs=80, width=512, batch=256, seed=0):
     """Fit the network to all episodes of a data set but the last tenth, which measures how well it predicts."""
     import torch
     from torch import nn

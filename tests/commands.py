@@ -39,7 +39,7 @@ def played(monkeypatch, unpictured):
     """Replace trials by synthetic ones without pictures; return the list of those that were played."""
     done = []
 
-    def run_trial(config, prepared, index, listener=None, *, raise_errors=False):
+    def run_trial(config, prepared, index, listener=None, *, raise_errors=False, attendant=None):
         done.append((prepared.number, index))
         trial = synthetic_trial(config, index, session=prepared.number)
         for event in trial.events:

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw
 
 from trocar.arms import PSM_CLASSIC, ArmModel, fk, frames, ik
 from trocar.geometry import SE3, SO3
-from trocar.replay import CameraImage, Contact, Replay, Solid, ToolPath
+from trocar.replay import CameraImage, Contact, Goal, Replay, Solid, ToolPath
 
 RATE_HZ = 100.0
 BASES = {"psm1": (0.1332, 0.0, 0.166), "psm2": (-0.1332, 0.0, 0.166)}
@@ -33,7 +33,10 @@ BLOCK_HEIGHT_M, BLOCK_SIDES_M = 15e-3, (4.4e-3, 9.5e-3)  # of its hole and its o
 
 
 def made_up_replay(duration_s: float = 12.0, arms: Sequence[str] = ("psm1", "psm2"), blocks: int = 6) -> Replay:
-    """Return a replay of so many seconds; each arm carries its first block to and fro, the others lie still."""
+    """Return a replay of so many seconds; each arm carries its first block to and fro, the others lie still.
+
+    Each time to and fro is a goal; every second one is missed.
+    """
     times = np.arange(0.0, duration_s + 0.5 / RATE_HZ, 1 / RATE_HZ)
     solids, poses = _table(), {"world": SE3.identity()}
     for k, (x, y) in enumerate(PEGS_M[:blocks]):
@@ -60,6 +63,12 @@ def made_up_replay(duration_s: float = 12.0, arms: Sequence[str] = ("psm1", "psm
         T_world_body=poses,
         tools=tools,
         contacts=_contacts(duration_s, arms),
+        ports_m={arm: np.array(BASES[arm]) for arm in arms},
+        goals=tuple(
+            Goal(arm, number, start_s, min(start_s + CYCLE_S, duration_s), number % 2 == 1)
+            for arm in arms
+            for number, start_s in enumerate(np.arange(0.0, duration_s, CYCLE_S).tolist())
+        ),
         spans=tuple(spans),
         events=tuple(sorted(events, key=lambda event: event["time_s"])),
         joints=joints,

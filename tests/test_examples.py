@@ -2,32 +2,44 @@
 
 import ast
 import json
+import os
 import re
 import runpy
 import shutil
 import socket
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from browser import browser, find_chromium
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from made_episodes import short
 from processes import UNPICTURED, python
 from trocar.calibration.plant import PSM1_GREY
+from trocar.console.inputs import wishes_of
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import trial_file
 from trocar.files.archive import read_header
+from trocar.geometry import SE3, SO3
 from trocar.learn.dataset import export_lerobot
 from trocar.learn.policy import load_policy
+from trocar.view.console_view import Said, Wish
 from waypoints import FOUR
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = ("first_trial.py", "move_an_arm.py", "plan_sutures.py")
 PLUGINS = ("own_agent.py", "own_cable_model.py", "own_perception.py", "own_planner.py", "own_task.py", "three_dots.py")
-LEARNED = ("chunked_mlp.py", "lerobot_server.py")
+LEARNED = ("chunked_mlp.py", "lerobot_act.py", "lerobot_server.py")
+DEVICES = ("teleop_phone.py", "gamepad.py")
 QUICK = ("--calibration", "joints")
 SHORT = ("--transfers", "1", "--flawless-camera", *QUICK)
 
@@ -75,7 +87,7 @@ def assert_complete(folder):
 
 
 def test_every_example_is_tested():
-    assert {path.name for path in EXAMPLES.glob("*.py")} == {*SCRIPTS, *PLUGINS, *LEARNED}
+    assert {path.name for path in EXAMPLES.glob("*.py")} == {*SCRIPTS, *PLUGINS, *LEARNED, *DEVICES}
 
 
 # Scripts.
@@ -185,6 +197,115 @@ def test_a_policy_of_lerobot_is_served(tmp_path):
                 assert ask(seen_at(0.25, done=1.0)) is None and other(seen_at(0.6, done=1.0)) is not None
         finally:
             server.terminate()
+
+
+# Devices. The package that they speak to is not installed here.
+
+
+class Teleop:
+    """Calls back as the package does, with a telephone's poses in axes that point forward, left and up."""
+
+    def __init__(self, port):
+        self.port = port
+
+    def subscribe(self, callback):
+        self.callback = callback
+
+    def run(self):
+        pose = SE3.from_parts(SO3.exp([0.3, 0.0, 0.0]), [0.1, 0.0, 0.2]).matrix
+        for move, gripper in ((True, "close"), (False, "open"), (False, "open")):
+            self.callback(pose, {"move": move, "gripper": gripper})
+
+
+def test_a_telephone_moves_an_arm_as_its_holder_sees_it_until_the_console_ends(monkeypatch, capsys):
+    quaternions = SimpleNamespace(mat2quat=lambda matrix: SO3(matrix).as_quaternion())
+    euler = SimpleNamespace(euler2mat=lambda *angles: SO3.exp(angles).matrix)
+    monkeypatch.setitem(sys.modules, "transforms3d", SimpleNamespace(quaternions=quaternions, euler=euler))
+    monkeypatch.setitem(sys.modules, "teleop", SimpleNamespace(Teleop=Teleop))
+    with socket.create_server(("127.0.0.1", 0)) as console, ThreadPoolExecutor() as aside:
+
+        def two_lines():
+            with console.accept()[0] as connection, connection.makefile("rwb") as stream:
+                for _ in range(2):
+                    yield from wishes_of(stream.readline(), "telephone", {"psm1": {}})
+                    stream.write(b'{"words": "In your hands: psm1"}\n')
+                    stream.flush()
+
+        heard = aside.submit(lambda: list(two_lines()))
+        monkeypatch.setattr(sys, "argv", ["teleop_phone.py", "--console", str(console.getsockname()[1])])
+        monkeypatch.setattr(os, "_exit", sys.exit)
+        with pytest.raises(SystemExit):
+            runpy.run_path(str(EXAMPLES / "teleop_phone.py"), run_name="__main__")
+        hold, close, release, opened = heard.result()
+    assert [said.wish for said in (hold, close, release, opened)] == [Wish.HOLD, Wish.JAW, Wish.RELEASE, Wish.JAW]
+    np.testing.assert_allclose(hold.value.position_m, [0.0, 0.1, 0.2], atol=1e-12)  # in the pictures, y is forward
+    np.testing.assert_allclose(hold.value.wxyz, SO3.exp([0.0, 0.3, 0.0]).as_quaternion(), atol=1e-12)
+    assert hold.value.scale < 1 and close.value == 0 and opened.value > 0
+    assert capsys.readouterr().out == "In your hands: psm1\nthe console has ended\n"
+
+
+GAMEPAD = """
+window.pad = {mapping: "standard", axes: [0, 0, 0, 0], buttons: Array.from({length: 17}, () => ({value: 0}))}
+Object.defineProperty(navigator, "getGamepads", {value: () => [null, {...window.pad, buttons: window.pad.buttons.map(
+  button => ({value: button.value, pressed: button.value > 0.5}))}]})
+"""
+"""A gamepad that is not there, as browsers tell of one."""
+
+
+def came(heard, wish, times):
+    """Wait until a wish has come so many times."""
+    end_s = time.monotonic() + 30.0
+    while sum(said.wish is wish for said in heard) < times:
+        assert time.monotonic() < end_s, f"no {wish}"
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_chromium() is None, reason="no Chromium found: nothing reads a gamepad")
+def test_a_gamepad_moves_an_arm_while_its_shoulder_button_is_held_and_no_other_page_does(tmp_path):
+    heard: list[Said] = []
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+
+    def console(listening):
+        with listening.accept()[0] as connection, connection.makefile("rwb") as stream:
+            for line in stream:
+                heard.extend(wishes_of(line, "gamepad", {"psm1": {}}))
+                stream.write(b'{"words": "In your hands: psm1"}\n')
+                stream.flush()
+
+    with socket.create_server(("127.0.0.1", 0)) as listening, browser() as page:
+        Thread(target=console, args=(listening,), daemon=True).start()
+        devices = str(listening.getsockname()[1])
+        words = [sys.executable, EXAMPLES / "gamepad.py", "--devices", devices, "--port", str(port)]
+        with subprocess.Popen([*words, "--console", "about:blank"], stdout=subprocess.PIPE) as served:
+            try:
+                address = served.stdout.readline().decode().strip()
+                with pytest.raises(InvalidStatus):
+                    connect(address.replace("http", "ws"), origin="http://elsewhere.example")
+                page.call("Page.addScriptToEvaluateOnNewDocument", source=GAMEPAD)
+                page.call("Page.navigate", url=address)
+                page.until("document.querySelector('#words')?.textContent.startsWith('In your hands')")
+                assert {said.wish for said in heard} <= {Wish.RELEASE}, "nobody has touched it"
+                presses = (
+                    (7, [0, 0, 0, 0], Wish.JAW, 1),
+                    (5, [0.9, -1, 0, 0], Wish.HOLD, 20),
+                    (1, [0, 0, 0, 0], Wish.STOP, 1),
+                )
+                for button, axes, wish, times in presses:
+                    page.evaluate(f"window.pad.axes = {axes}; window.pad.buttons[{button}].value = 1; 0")
+                    came(heard, wish, times)
+                page.evaluate("window.pad.buttons[5].value = window.pad.buttons[7].value = 0; 0")
+                came(heard, Wish.JAW, 2)
+                came(heard, Wish.RELEASE, sum(said.wish is Wish.RELEASE for said in heard) + 1)
+            finally:
+                served.terminate()
+    did = [said.wish for said in heard]
+    assert did.index(Wish.JAW) < did.index(Wish.HOLD) < did.index(Wish.STOP) < len(did) - 1 - did[::-1].index(Wish.JAW)
+    jaws, held = ([said.value for said in heard if said.wish is wish] for wish in (Wish.JAW, Wish.HOLD))
+    assert jaws[0] == 0 < jaws[1] and len(jaws) == 2 and did.count(Wish.STOP) == 1 and did[-1] is Wish.RELEASE
+    right, away, up = np.array(held[-1].position_m)
+    assert 0.5 * away < right < away and away > 0.003 and up == 0.0, "in the pictures, y is away"
 
 
 # Plugins.

@@ -41,3 +41,15 @@ def test_a_machine_that_needs_twice_as_long_is_half_as_fast_and_is_measured_once
     monkeypatch.setattr(log, "timed", lambda function: (None, next(took) * log.REFERENCE_S))
     assert machine_speed() == machine_speed() == pytest.approx(0.5), "the quickest of several counts"
     machine_speed.cache_clear()
+
+
+def test_a_span_is_begun_until_it_has_ended_however_it_ends():
+    now_s = iter(range(9))
+    kept = log.CellLog(lambda: float(next(now_s)))
+    with kept.span("psm1", "grasp"):
+        with pytest.raises(KeyError), kept.span("psm1", "motion"):
+            assert kept.begun == [("psm1", "grasp", 0.0), ("psm1", "motion", 1.0)]
+            raise KeyError
+        assert kept.begun == [("psm1", "grasp", 0.0)]
+    assert not kept.begun
+    assert kept.spans == [log.Span("psm1", "motion", 1.0, 2.0), log.Span("psm1", "grasp", 0.0, 3.0)]

@@ -42,6 +42,7 @@ WORK = (
     "trocar.tasks.suture.planning.setup_search.search_setup",
     "trocar.tasks.suture.view.PlanView",
     "trocar.view.trial_view.TrialView",
+    "trocar.report.browse.BrowseServer",
     "trocar.report.files._pictures",
     "webbrowser.open",
 )

@@ -32,6 +32,7 @@ FITTING: dict[str, tuple[str, ...]] = {
     "capture": ("capture.npz",),
     "station": (*STATIONS, *built_in_stations()),
     "folder": ("run",),
+    "folders": ("run",),
     "plan": ("plan.json",),
     "demonstrations": ("demonstrations", "synthetic"),
     "data": ("folder", "run"),

@@ -225,6 +225,17 @@ class Log(Protocol):
         """Note the real time that a computation took beside what the script declared for it."""
         ...
 
+    def saw(self, camera: str, image: Image, outlines_m: Mapping[str, NDArray[np.float64]]) -> None:
+        """Note what perception found in an image of a camera, for whoever watches.
+
+        Args:
+            camera: name.
+            image: the image.
+            outlines_m: a closed line (n, 3) about each thing, in m, in the frame of the camera (of the left one, if
+                there are two), by what it is.
+        """
+        ...
+
 
 @dataclass(frozen=True)
 class Cell:

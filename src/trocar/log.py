@@ -7,10 +7,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from trocar.perception.image import Image
 
 Result = TypeVar("Result")
 
@@ -52,6 +55,20 @@ class Computation:
     budget_s: float
 
 
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What perception found in an image.
+
+    Attributes:
+        image: the image.
+        outlines_m: a closed line (n, 3) about each thing that was found, in m, in the frame of the camera (of the left
+            one, if there are two), by what it is.
+    """
+
+    image: Image
+    outlines_m: Mapping[str, NDArray[np.float64]]
+
+
 @dataclass
 class CellLog:
     """Spans, events and computations of one run of a cell.
@@ -59,27 +76,33 @@ class CellLog:
     Attributes:
         clock: returns the cell's time in s.
         spans: in the order in which they ended.
+        begun: spans that have not ended: arm, name and start.
         events: dicts with ``name``, ``time_s`` and what was noted.
         computations: in order.
         samples: rows of numbers of each series.
+        sightings: what was found last in an image of each camera, for whoever watches: it is in no trial.
         listener: called with each event, for a progress bar.
     """
 
     clock: Callable[[], float]
     spans: list[Span] = field(default_factory=list)
+    begun: list[tuple[str, str, float]] = field(default_factory=list)
     events: list[dict[str, object]] = field(default_factory=list)
     computations: list[Computation] = field(default_factory=list)
     samples: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
+    sightings: dict[str, Sighting] = field(default_factory=dict)
     listener: Callable[[Mapping[str, object]], None] | None = None
 
     @contextmanager
     def span(self, arm: str, name: str) -> Iterator[None]:
         """Note the time from entering to leaving."""
-        start = self.clock()
+        begun = arm, name, round(self.clock(), 6)
+        self.begun.append(begun)
         try:
             yield
         finally:
-            self.spans.append(Span(arm, name, round(start, 6), round(self.clock(), 6)))
+            self.begun.remove(begun)
+            self.spans.append(Span(*begun, round(self.clock(), 6)))
 
     def event(self, name: str, **values: object) -> None:
         """Note something that happened now."""
@@ -90,6 +113,10 @@ class CellLog:
     def sample(self, name: str, row: NDArray[np.float64]) -> None:
         """Add a row of numbers to a series."""
         self.samples.setdefault(name, []).append(np.array(row, dtype=np.float64))
+
+    def saw(self, camera: str, image: Image, outlines_m: Mapping[str, NDArray[np.float64]]) -> None:
+        """Note what perception found in an image of a camera, as in ``Sighting``."""
+        self.sightings[camera] = Sighting(image, outlines_m)
 
     @property
     def series(self) -> dict[str, NDArray[np.float32]]:

@@ -35,10 +35,15 @@ class Solid:
 
 
 def painted(solids: Sequence[Solid], colours: Mapping[str, tuple[float, float, float]]) -> tuple[Solid, ...]:
-    """Return solids in colours for people, of bodies by the beginning of their names; all others keep theirs."""
+    """Return solids in colours for people; all others keep theirs.
+
+    Args:
+        solids: of any bodies.
+        colours: by the beginning of body and shape, as ``"board capsule"``; the beginning of a body's name is enough.
+    """
 
     def one(solid: Solid) -> Solid:
-        rgb = next((rgb for prefix, rgb in colours.items() if solid.body.startswith(prefix)), None)
+        rgb = next((rgb for start, rgb in colours.items() if f"{solid.body} {solid.shape}".startswith(start)), None)
         return solid if rgb is None else replace(solid, rgba=(*rgb, solid.rgba[3]))
 
     return tuple(map(one, solids))
@@ -68,6 +73,25 @@ class ToolPath:
 
     p_world_planned_m: NDArray[np.float64]
     p_world_driven_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Goal:
+    """One arm's work on one goal.
+
+    Attributes:
+        arm: name.
+        number: of the goal, from 0 on.
+        start_s: when the arm began.
+        end_s: when it ended.
+        failed: whether the goal was missed.
+    """
+
+    arm: str
+    number: int
+    start_s: float
+    end_s: float
+    failed: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,6 +141,8 @@ class Replay:
         solids: everything visible.
         T_world_body: pose of each body: (n,), or () where it never moves.
         tools: path of each arm's tip, by arm.
+        ports_m: (3,) remote centre of each arm, in the world, by arm: its shaft always passes through it.
+        goals: that the arms worked on.
         contacts: in order of time.
         spans: (arm, name, start_s, end_s) of the scripts.
         events: dicts with ``name`` and ``time_s``.
@@ -132,6 +158,8 @@ class Replay:
     T_world_body: Mapping[str, SE3]
     tools: Mapping[str, ToolPath] = field(default_factory=dict)
     contacts: tuple[Contact, ...] = ()
+    ports_m: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    goals: tuple[Goal, ...] = ()
     spans: tuple[tuple[str, str, float, float], ...] = ()
     events: tuple[Mapping[str, object], ...] = ()
     joints: Mapping[str, Mapping[str, NDArray[np.float64]]] = field(default_factory=dict)

@@ -193,6 +193,7 @@ BAD = [
     "view missing -> holds no trial; make some with",
     "view file -> 'file' is a file; give the folder of a run",
     *each("view", "folder; badtrial -> is not a readable trocar trial; badtrial --session 1"),
+    *each("open", "missing -> does not exist; file -> is a file; folder missing -> does not exist"),
     "report missing -> missing",
     "report folder -> holds no trial",
     "report file -> 'file' is a file; give the folder of a run",

@@ -9,6 +9,7 @@ import time
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
@@ -19,7 +20,7 @@ from trocar.cli import app
 from trocar.eval import jobs
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import load_trials
-from trocar.eval.trial import trial_file, trial_files
+from trocar.eval.trial import Trial, trial_file, trial_files
 from trocar.report.summary import summarise
 from trocar.sim.world import PhysicsError
 from trocar.tasks.peg_transfer.report import PegReport
@@ -159,7 +160,7 @@ def test_a_broken_trial_is_named_by_report_and_the_rest_is_counted(trocar, playe
 
 
 def interrupt_at(monkeypatch, number):
-    def run_trial(config, prepared, index, listener=None, *, raise_errors=False):
+    def run_trial(config, prepared, index, listener=None, *, raise_errors=False, attendant=None):
         if index == number:
             raise KeyboardInterrupt
         return synthetic_trial(config, index, session=prepared.number)
@@ -181,7 +182,7 @@ def test_ctrl_c_keeps_finished_trials_and_says_so(trocar, played, monkeypatch, t
 
 
 def test_a_trial_whose_physics_broke_down_is_told_and_the_next_one_is_played(trocar, played, monkeypatch, tmp_path):
-    def run_trial(config, prepared, index, listener=None, *, raise_errors=False):
+    def run_trial(config, prepared, index, listener=None, *, raise_errors=False, attendant=None):
         if index == 0:
             raise PhysicsError(0.2)
         return synthetic_trial(config, index, session=prepared.number)
@@ -289,6 +290,24 @@ def test_a_video_is_a_moving_picture_of_the_first_trial(trocar, real, tmp_path):
     with Image.open(folder / "video.webp") as film:
         assert film.format == "WEBP" and film.n_frames > 10
     assert not list(folder.rglob(".*"))
+
+
+@pytest.mark.slow
+def test_a_film_shows_the_whole_trial_at_its_own_speed(trocar, real, tmp_path):
+    av = pytest.importorskip("av")
+    folder = tmp_path / "copy"
+    shutil.copytree(real[0], folder)
+    for _ in range(2):  # it replaces its own file
+        code, _, err = trocar("report", folder, "--mp4", "--json")
+        assert code == 0 and "video.mp4" in err, err
+    with av.open(str(folder / "video.mp4")) as file:
+        stream = file.streams.video[0]
+        lasts_s = float(stream.duration * stream.time_base)
+        assert stream.codec_context.name == "h264" and stream.width % 2 == stream.height % 2 == 0
+        first, *_, last = (frame.to_ndarray(format="rgb24").astype(int) for frame in file.decode(video=0))
+    duration_s = Trial.load(trial_file(folder, 0, 0)).duration_s
+    assert abs(lasts_s - duration_s) < 0.1
+    assert first.std() > 20 and (np.abs(first - last).max(-1) > 30).mean() > 0.005, "the arm and its block have moved"
 
 
 def test_an_option_of_one_task_is_none_of_anothers():

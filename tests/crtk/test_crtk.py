@@ -149,7 +149,9 @@ def test_a_doctor_who_is_held_up_does_not_blame_a_healthy_robot(served, client, 
             one.wait()
     checks = [check for arm in STATION.arms for check in examine_arm(found[0], STATION, TOPICS, arm)]
     times = [check for check in checks if check.name in ("gaps", "latency", "jitter")]
-    assert [check.verdict for check in times] == 6 * [Verdict.NONE] and all("busy" in check.found for check in times)
+    assert [check.verdict for check in times] == 6 * [Verdict.NONE]
+    # busy, or too slow: it found most messages late
+    assert all("this machine is" in check.found for check in times), [check.found for check in times]
     assert ("clock", Verdict.FAIL) not in [(check.name, check.verdict) for check in checks]
 
 

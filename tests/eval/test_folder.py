@@ -338,7 +338,7 @@ def test_arms_are_calibrated_from_images(tmp_path, monkeypatch):
     counted = []
     run = config(calibration="images", model="offset", new_session=True, refit_offsets=True)
     day = prepare(run, 0, tmp_path / "one", listener=lambda arm, done, total: counted.append((arm, done, total)))
-    assert counted == [("psm1", done, 42) for done in range(1, 43)]
+    assert counted == [("psm1", done, 82) for done in range(1, 83)]  # two rows for each image
     prepare(run, 0, tmp_path / "two", listener=lambda *_: pytest.fail("an image was taken again"))
     plant = day.session.transmissions["psm1"].plant  # of the instruments as mounted again, refitted from 30 images
     q = random_smooth_path(run.laboratory.arms["psm1"].model, np.random.default_rng(9), 200)

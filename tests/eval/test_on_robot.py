@@ -35,7 +35,7 @@ def test_a_script_that_goes_on_after_a_fault_is_ended_by_it(after):
     """Also if it was there in the first tick, while the arms were being connected."""
     connect = partial(faulty, connect=echo_arms.connect, plant="nan", after=after)
     with HardwareLaboratory(STATION, connect, RELAXED) as laboratory, pytest.raises(ArmFault) as found:
-        _run_until_refused(laboratory, stubborn, 20.0)
+        _run_until_refused(laboratory, None, stubborn, 20.0)
     assert found.value.fault is Fault.INVALID
     assert Fault.INVALID.name.lower() in [event["fault"] for event in laboratory.log.events if event["name"] == "fault"]
 
@@ -47,14 +47,14 @@ def test_what_a_script_makes_of_a_fault_is_not_the_reason():
 
     connect = partial(faulty, connect=echo_arms.connect, plant="nan")
     with HardwareLaboratory(STATION, connect, RELAXED) as laboratory, pytest.raises(ArmFault):
-        _run_until_refused(laboratory, confused, 20.0)
+        _run_until_refused(laboratory, None, confused, 20.0)
 
 
 def test_a_script_whose_arms_are_well_has_its_time(tmp_path):
     """What is kept of it ends with what its arm was sent last, and there it is at rest."""
     log = tmp_path / "sent"
     with HardwareLaboratory(STATION, partial(echo_arms.connect, log=log), RELAXED) as laboratory:
-        assert not _run_until_refused(laboratory, stubborn, 0.5)
+        assert not _run_until_refused(laboratory, None, stubborn, 0.5)
     kept = laboratory.record.arrays(laboratory.robot.origin_s, 0.03)["commanded_psm1"]
     sent = np.loadtxt(log)
     assert np.array_equal(kept[-1, :6], sent[-1, 1:7]) and not sent[-1, 7:13].any()

@@ -131,6 +131,30 @@ def test_motions_that_replace_each_other_again_and_again_stay_within_the_limits(
     assert max(use(tmp_path / "sent")) <= 1.001
 
 
+def test_a_stream_faster_than_the_lead_follows_every_set_point(laboratory, tmp_path):
+    """Each motion starts from the one that was sent last, though that one has not begun."""
+    ends, refused = [], []
+
+    async def go(cell, goal):
+        now = cell.robot.setpoint(ARM)
+        try:
+            ends.append((await cell.robot.replace({ARM: move_to(now.q, now.velocity, goal, PAPER)}))[ARM].ended)
+        except StartMismatch as error:  # a busy machine
+            refused.append(error)
+
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            for step in range(100):
+                nursery.start_soon(go, cell, HOME + (GOAL - HOME) * min(1.0, step / 80))
+                await trio.sleep(0.012)  # the lead is 30 ms
+
+    assert laboratory.run(script, 60.0)
+    assert len(refused) < 20, refused  # twice as many, if nothing was known of those that are to begin
+    assert MotionEnd.DONE in ends
+    assert max(use(tmp_path / "sent")) <= 1.001
+    np.testing.assert_allclose(rows(tmp_path / "sent")[1][-1], GOAL, atol=1e-6)
+
+
 def test_a_fault_ends_the_motion_and_is_noted_and_the_arm_stays_where_it_is(station):
     async def script(cell):
         result = (await cell.robot.move({ARM: there()}))[ARM]

@@ -4,9 +4,13 @@ As a script it takes the pictures for the docs, of a replay at shares of its len
 
     PYTHONPATH=tests/view python -m browser out/demo/replay.html docs/images/replay 0.1 0.5 0.9
     trocar view out/demo --no-open &
-    PYTHONPATH=tests/view python -m browser http://127.0.0.1:8080 docs/images/trial_view
+    PYTHONPATH=tests/view python -m browser http://127.0.0.1:8080 docs/images/trial_view 0.42
 
-and of ``trocar crtk serve ... --view`` likewise, while something moves there.
+and of ``trocar crtk serve ... --view`` likewise, while something moves there; or of a console, with keys that are
+pressed before, each once the page waits for a yes::
+
+    trocar run peg-transfer --method uncalibrated --transfers 2 --watch --confirm motions &
+    PYTHONPATH=tests/view python -m browser http://127.0.0.1:8080 docs/images/console Y Y Y Y
 """
 
 from __future__ import annotations
@@ -15,8 +19,10 @@ import base64
 import io
 import itertools
 import json
+import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -41,7 +47,6 @@ FLAGS = shlex.split(
     "'--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1'"
 )
 WAIT_S, LIVE_S = 120.0, 15.0  # a live page is never still
-ATTEMPTS = 6
 THUMB = "document.querySelector('.mantine-Slider-thumb')"
 
 
@@ -56,10 +61,11 @@ class Page:
     Attributes:
         requests: every address that it asked for, in order.
         errors: what it wrote on its console as an error, and what it did not catch.
+        process: number of the browser's first process.
     """
 
-    def __init__(self, socket: Connection) -> None:
-        self._socket, self._numbers = socket, itertools.count(1)
+    def __init__(self, socket: Connection, process: int) -> None:
+        self._socket, self._numbers, self.process = socket, itertools.count(1), process
         self.requests: list[str] = []
         self.errors: list[str] = []
         for domain in ("Page", "Network", "Runtime"):
@@ -102,6 +108,36 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
+    def press(self, label: str) -> None:
+        """Click the button whose text begins so, once it is there."""
+        found = f"[...document.querySelectorAll('button')].find(b => b.innerText.startsWith({label!r}))"
+        self.until(f"!!{found}")
+        self.evaluate(f"{found}.scrollIntoView({{block: 'center'}})")
+        self.click(
+            *self.evaluate(f"(r => [r.left + r.width / 2, r.top + r.height / 2])({found}.getBoundingClientRect())")
+        )
+
+    @contextmanager
+    def frozen(self) -> Iterator[None]:
+        """Stop all processes of the browser (SIGSTOP), which keep their connections, and let them go on."""
+        processes = [self.process]
+        for process in processes:  # grows as its children, and theirs, are found
+            tasks = Path(f"/proc/{process}/task").glob("*/children")
+            processes += [int(child) for task in tasks for child in task.read_text().split()]
+        for process in processes:
+            os.kill(process, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            for process in processes:
+                os.kill(process, signal.SIGCONT)
+
+    def key(self, letter: str) -> None:
+        """Press the key of a letter."""
+        key = {"key": letter.lower(), "code": f"Key{letter}", "text": letter.lower()}
+        for kind in ("keyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, windowsVirtualKeyCode=ord(letter), **key)
+
     def picture(self) -> NDArray[np.uint8]:
         """Return what is seen now (h, w, 3)."""
         data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
@@ -109,10 +145,7 @@ class Page:
 
     def scene(self, wait_s: float = WAIT_S) -> NDArray[np.uint8]:
         """Return what is seen once nothing changes any more, or then, without viser's notes on slow browsers."""
-        self.evaluate(
-            "document.querySelector('#quiet') || document.head.insertAdjacentHTML('beforeend',"
-            " '<style id=quiet>.mantine-Notifications-root { display: none }</style>')"
-        )
+        self.quiet()
         end = time.monotonic() + wait_s
         before = self._drawn()
         while time.monotonic() < end:
@@ -122,6 +155,13 @@ class Page:
             before = now
         return before
 
+    def quiet(self) -> None:
+        """Hide viser's notes on slow browsers, which lie over the scene."""
+        self.evaluate(
+            "document.querySelector('#quiet') || document.head.insertAdjacentHTML('beforeend',"
+            " '<style id=quiet>.mantine-Notifications-root { display: none }</style>')"
+        )
+
     def seek(self, share: float) -> float:
         """Move a replay's slider to a share of its length, which stops it; return the time in s that it comes to."""
         left, top, width, height = self.until(
@@ -130,16 +170,14 @@ class Page:
             " return r && r.width > 0 ? [r.left, r.top, r.width, r.height] : null; })()"
         )
         length_s = float(self.evaluate(f"{THUMB}.getAttribute('aria-valuemax')"))
-        off = f"Math.abs({THUMB}.getAttribute('aria-valuenow') - {share * length_s})"
-        for attempt in range(ATTEMPTS):  # a page that still builds its scene misses a click
+        wanted_s, end = share * length_s, time.monotonic() + WAIT_S
+        while time.monotonic() < end:
+            # A page that still builds its scene misses a click, and one that is slow to draw may play a frame more.
             self.click(left + share * width, top + height / 2)
-            try:
-                self.until(f"{off} < {2 * length_s / width + 0.01}", WAIT_S / ATTEMPTS)
-                break
-            except TimeoutError:
-                if attempt == ATTEMPTS - 1:
-                    raise
-        return self.time_s()
+            self._frames(4)
+            if abs(self.time_s() - wanted_s) < 2 * length_s / width + 0.01:
+                return self.time_s()
+        raise TimeoutError(f"the slider never stood at {wanted_s:.2f} s; errors: {self.errors}")
 
     def time_s(self) -> float:
         """Return the time in s at which a replay's slider stands."""
@@ -147,11 +185,14 @@ class Page:
 
     def _drawn(self) -> NDArray[np.uint8]:
         """Return what is seen after some more frames."""
-        self.evaluate(
-            "new Promise(done => {let n = 3; const f = () => n-- ? requestAnimationFrame(f) : done(true); f()})"
-        )
+        self._frames(3)
         time.sleep(0.4)
         return self.picture()
+
+    def _frames(self, count: int) -> None:
+        """Wait until the page has drawn so many more frames."""
+        count_down = "const f = () => n-- ? requestAnimationFrame(f) : done(true); f()"
+        self.evaluate(f"new Promise(done => {{let n = {count}; {count_down}}})")
 
     def _note(self, message: dict[str, Any]) -> None:
         given = message.get("params", {})
@@ -176,8 +217,8 @@ def browser(width: int = 1280, height: int = 800) -> Iterator[Page]:
         command = [path, *FLAGS, f"--user-data-dir={folder}", f"--window-size={width},{height}", "about:blank"]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            with connect(_first_tab(Path(folder)), max_size=None, proxy=None) as socket:
-                page = Page(socket)
+            with connect(_first_tab(Path(folder)), max_size=None, proxy=None, ping_interval=None) as socket:
+                page = Page(socket, process.pid)
                 size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
                 page.call("Emulation.setDeviceMetricsOverride", **size)
                 yield page
@@ -201,16 +242,21 @@ def _first_tab(folder: Path) -> str:
     raise TimeoutError("Chromium did not start")
 
 
-def take_pictures(address: str, stem: Path, shares: list[float]) -> list[Path]:
-    """Take pictures of a replay at shares of its length, ``STEM_K.png``, or of a served page, ``STEM.png``."""
+def take_pictures(address: str, stem: Path, shares: list[float], keys: str = "") -> list[Path]:
+    """Take pictures of a replay at shares of its length, ``STEM_K.png``, or of a page as it is, ``STEM.png``."""
     files = []
-    with browser(*((1280, 800) if shares else (1120, 680))) as page:
+    with browser(*((1280, 800) if shares else (1280, 900))) as page:
         page.open(address if "://" in address else Path(address).resolve().as_uri(), fineness=2)
         for number, share in enumerate(shares, 1):
             page.seek(share)
-            files.append(_save(page.scene(), stem.with_name(f"{stem.name}_{number}.png")))
+            name = f"{stem.name}_{number}.png" if len(shares) > 1 else f"{stem.name}.png"
+            files.append(_save(page.scene(), stem.with_name(name)))
         if not shares:
             page.until("document.querySelectorAll('.uplot').length > 0")
+            for key in keys:
+                page.until("document.body.innerText.includes('Waits for your yes')")
+                page.key(key)
+                time.sleep(1.0)
             files.append(_save(page.scene(LIVE_S), stem.with_suffix(".png")))
     return files
 
@@ -221,4 +267,6 @@ def _save(picture: NDArray[np.uint8], file: Path) -> Path:
 
 
 if __name__ == "__main__":
-    print(*take_pictures(sys.argv[1], Path(sys.argv[2]), [float(word) for word in sys.argv[3:]]), sep="\n")
+    keys = [word for word in sys.argv[3:] if word.isalpha()]
+    shares = [float(word) for word in sys.argv[3:] if not word.isalpha()]
+    print(*take_pictures(sys.argv[1], Path(sys.argv[2]), shares, "".join(keys)), sep="\n")

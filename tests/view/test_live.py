@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from live_scene import REPLAY, MadeUpScene, messages, moment
 
 from trocar.errors import MachineError
 from trocar.replay import Contact
-from trocar.view.live import LiveView
+from trocar.view.live import LiveView, Picture, legend
 from trocar.view.live_page import LivePage
+from trocar.view.panels import FOUND
+from trocar.view.replay import notice
 
 LIMIT_S = 60.0
 
@@ -80,9 +83,56 @@ def test_joints_are_those_of_the_last_seconds(view):
 
 def test_an_image_is_shown_with_its_words(view):
     for shade in (40, 200):
-        view.show_image("overhead", np.full((90, 1680, 3), shade, np.uint8), f"shade {shade}")
+        view.show_image(Picture("overhead", np.full((90, 1680, 3), shade, np.uint8), f"shade {shade}"))
     words, picture = view._cameras["overhead"]
     assert words.content == "shade 200" and picture.image.shape == (45, 840, 3) and (picture.image == 200).all()
+
+
+def test_another_trial_begins_without_paths_contacts_and_events_of_the_one_before(view):
+    touch = Contact(4.0, 4.1, ("psm1", "peg 3"), (0.0, 0.0, 0.02), 2.5)
+    for tick in (300, 400):
+        view.show(moment(tick, contacts=(touch,)))
+    view.begin(MadeUpScene())
+    for tick in (0, 100, 200, 300):
+        view._due_s = 0.0
+        view.show(moment(tick))
+    assert all(len(tip._points) <= 3 for tip in view._tips)
+    assert not view._balls and node(view, "/contacts/1") is None and "contact" not in view._events.content
+
+
+def test_what_perception_found_is_drawn_into_the_image(view):
+    color, square = np.full((200, 400, 3), 40, np.uint8), np.array([[10.0, 10.0], [50, 10], [50, 50], [10, 50]])
+    view.show_image(Picture("overhead", color, "", {"block": square}))
+    assert (view._cameras["overhead"][1].image[30, 10] == FOUND).all()
+
+
+def test_steps_are_told_over_the_arms_and_in_the_time_line_once_there_are_any(view):
+    assert not view._steps.visible
+    view._due_s = 0.0
+    view.show(
+        moment(100, spans=(("psm1", "capture", 0.2, 0.4),), begun=(("psm1", "pick", 0.4), ("psm1", "motion", 0.5)))
+    )
+    assert view._steps.visible and "capture" in view._time_line._legend.content
+    assert node(view, "/arms/psm1").text == "psm1: motion, ENABLED"
+    assert node(view, "/arms/psm2").text == "psm2: ENABLED"
+
+
+def test_of_real_arms_nothing_is_called_simulated_or_true():
+    made_up = REPLAY()
+    joints = {arm: {kind: q for kind, q in kinds.items() if kind != "true"} for arm, kinds in made_up.joints.items()}
+    real = replace(made_up, joints=joints)
+    assert "Simulated" in notice(made_up) and "true" in legend(made_up)
+    assert "Simulated" not in notice(real) and "patients" in notice(real) and "true" not in legend(real)
+
+
+def test_the_clocks_rate_is_that_of_the_last_seconds(view):
+    wall_s = 1000.0
+    view.begin(MadeUpScene())
+    for tick in range(10, 590, 10):
+        wall_s += 0.2 if tick < 100 else 0.05
+        view._due_s = 0.0
+        view.show(moment(tick, made_s=wall_s))
+    assert view.rate == pytest.approx(2.0, rel=0.05) and "2.0" in view._state.content
 
 
 def until(holds):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,16 +13,23 @@ from made_up_replay import JOINTS, made_up_replay
 from trocar.errors import TrocarError
 from trocar.view.panels import (
     AXIS_PX,
+    FAILED,
+    FOUND,
     INK,
     NAMES_PX,
     PAPER,
     POINTS,
     ROW_PX,
+    STRIP_PX,
     WIDTH_PX,
     WINDOW_S,
+    ErrorStrip,
     Joints,
+    LiveTimeLine,
     TimeLine,
+    with_outlines,
 )
+from trocar.view.stage import ARMS, CONTACT
 
 REPLAY = made_up_replay(12.0)
 TICK = 650
@@ -114,3 +122,93 @@ def test_the_legend_names_every_span_once_and_escapes_it():
     legend = TimeLine((("a", "<b>", 0, 1), ("b", "<b>", 1, 2)), 0.0, 2.0).legend()
     assert legend.count("&lt;b&gt;") == 1
     assert "<b>" not in legend
+
+
+def column(time_s):
+    return NAMES_PX + round(time_s / 12.0 * (WIDTH_PX - NAMES_PX))
+
+
+def test_the_strip_draws_each_tips_distance_from_where_it_was_planned():
+    path = REPLAY.tools["psm1"]
+    off_mm = 1e3 * np.linalg.norm(path.p_world_driven_m - path.p_world_planned_m, axis=1)
+    strip = ErrorStrip(replace(REPLAY, tools={"psm1": path}, contacts=(), goals=()))
+    assert strip.top_mm == pytest.approx(max(off_mm.max(), 2.0))
+    assert strip.said(TICK) == f"psm1 {off_mm[TICK]:.1f} mm"
+    picture = strip.at(0.0)
+    for time_s in (2.0, 5.5, 9.0):
+        rows = np.flatnonzero((picture[:, column(time_s)] == ARMS[0]).all(-1))
+        tick = round(100 * time_s)
+        wanted = (STRIP_PX - 4) * (1 - off_mm[tick - 5 : tick + 6] / strip.top_mm) + 1
+        assert wanted.min() - 4 <= rows.mean() <= wanted.max() + 4
+
+
+def test_contacts_missed_goals_and_the_present_are_lines_in_the_strip():
+    strip = ErrorStrip(replace(REPLAY, goals=tuple(replace(g, end_s=g.end_s - 1.0) for g in REPLAY.goals)))
+    picture = strip.at(7.0)
+    assert (picture[3, column(2.2)] == CONTACT).all()
+    assert (picture[3, column(11.0)] == FAILED).all()
+    assert not (picture[3, column(5.0)] == FAILED).all()  # that goal was reached
+    assert (picture[:, column(7.0)] == INK).all()
+
+
+def test_a_tip_that_nobody_knows_for_a_while_leaves_a_gap():
+    path = REPLAY.tools["psm1"]
+    gaps = np.where((np.arange(1201) < 300)[:, None], np.nan, path.p_world_driven_m)
+    strip = ErrorStrip(replace(REPLAY, tools={"psm1": replace(path, p_world_driven_m=gaps)}, contacts=(), goals=()))
+    assert np.isfinite(strip.top_mm)
+    assert not (strip.at(12.0)[:-3, column(1.0)] == ARMS[0]).all(-1).any()
+
+
+class Gui:
+    """A panel that keeps what is put into it."""
+
+    def add_html(self, content):
+        return SimpleNamespace(content=content)
+
+    def add_image(self, image, format):
+        return SimpleNamespace(image=image, visible=True)
+
+
+def test_a_live_line_ends_with_the_present_and_the_spans_that_have_not_ended():
+    line = LiveTimeLine(Gui())
+    line.add([("left", "move", 0.0, 4.0), ("right", "wait", 4.0, 11.0)])
+    line.show(20.0, [("left", "grasp", 15.0)])
+    assert "<b>left</b> grasp" in line._now.content
+
+    def colour(row, share):
+        return tuple(line._picture.image[ROW_PX * row + 5, NAMES_PX + round(share * (WIDTH_PX - NAMES_PX))].tolist())
+
+    colours = TimeLine([], 0.0, 20.0, ("move", "wait", "grasp")).colours
+    assert colour(0, 0.9) == colours["grasp"] and colour(0, 0.4) == PAPER
+    assert colour(1, 0.05) == colours["wait"] and colour(1, 0.15) == PAPER
+    assert (line._picture.image[:ROW_PX, -1] == INK).all()
+    assert len(line._spans) == 1  # what is past is not kept
+
+
+def test_a_live_line_without_steps_is_no_picture():
+    line = LiveTimeLine(Gui())
+    line.add([("left", "<b>", 0.0, 1.0)])
+    line.show(1.0, [("left", "<i>", 0.5)])
+    assert line._picture.visible and "<i>" not in line._now.content + line._legend.content
+    line.clear()
+    line.show(2.0, [])
+    assert not line._picture.visible and "no step" in line._now.content
+
+
+def test_an_outline_is_drawn_where_it_is_and_one_behind_the_camera_is_not():
+    grey = np.full((200, 400, 3), 90, np.uint8)
+    square = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 60.0], [20.0, 60.0]])
+    drawn = with_outlines(grey, {"a": square, "behind": np.full((4, 2), np.nan)})
+    for x, y in ((20, 40), (40, 20), (40, 60)):
+        assert (drawn[y, x] == FOUND).all()
+    assert (drawn[40, 40] == 90).all() and (grey == 90).all()
+    assert (with_outlines(grey, {"behind": np.full((4, 2), np.nan)}) == 90).all()
+
+
+def test_a_small_image_is_enlarged_with_what_is_drawn_and_a_name_stays_in_it():
+    grey = np.full((80, 100, 3), 90, np.uint8)
+    drawn = with_outlines(grey, {"needle": np.array([[60.0, 20.0], [90.0, 20.0], [90.0, 60.0], [60.0, 60.0]])})
+    assert drawn.shape == (320, 400, 3)
+    assert (drawn[160, 362] == FOUND).all() and (drawn[160, 300] == 90).all()
+    named = (drawn == FOUND).all(-1)
+    assert named[:, :230].any() and not named[:, 380:].any()

@@ -20,6 +20,7 @@ from trocar.replay import ToolPath
 from trocar.view.film import shoot
 from trocar.view.replay import END_S, LARGEST_BYTES, write_replay
 from trocar.view.server import close_server, open_server
+from trocar.view.stage import ARMS
 
 pytest.importorskip("viser")
 from played import Player, Recording
@@ -66,7 +67,7 @@ def test_the_first_frame_stands_at_the_start_and_the_last_one_a_while(recording)
 
 
 def test_every_solid_is_drawn_in_its_colour(recording):
-    meshes = {m["name"]: m["props"] for _, m in recording.of_kind("MeshMessage")}
+    meshes = {m["name"]: m["props"] for _, m in recording.of_kind("MeshMessage") if m["name"].startswith("/bodies/")}
     assert {name.split("/")[2] for name in meshes} == {solid.body for solid in REPLAY.solids}
     shaft = recording.array(meshes["/bodies/psm1_link4/1"]["vertices"]).reshape(-1, 3)
     assert_allclose(shaft[:, :2].max(), 0.004, rtol=1e-3)
@@ -83,7 +84,7 @@ def test_the_driven_path_ends_at_the_tip_and_the_planned_one_runs_ahead(recordin
         for arm, path in REPLAY.tools.items():
             driven = recording.array(nodes[f"/paths/{arm} driven, now"].props["points"]).reshape(-1, 3)
             assert_allclose(driven[-1], path.p_world_driven_m[tick], atol=1e-3)
-            planned = recording.array(nodes[f"/paths/{arm} planned, now"].props["points"]).reshape(-1, 3)
+            planned = recording.array(nodes[f"/paths/{arm} planned"].props["points"]).reshape(-1, 3)
             ahead = path.p_world_planned_m[min(tick + 90, 1200)]
             assert np.linalg.norm(planned - ahead, axis=1).min() < 3e-3
 
@@ -95,21 +96,33 @@ POINTS = {
 }
 
 
-def test_what_is_near_in_time_is_drawn_thin_and_whole_paths_are_hidden(recording):
+def test_the_path_of_the_present_goal_is_drawn_and_whole_paths_are_hidden(recording):
     player = Player(recording)
-    for time_s in (0.0, 9.4, 12.0):
+    for time_s, start_s in ((0.0, 0.0), (5.3, 0.0), (9.4, 6.0), (12.0, 6.0)):
         nodes = player.play_to(time_s)
-        first, last = max(0, int(time_s) - 8) * 100, min(1200, (int(time_s) + 4) * 100)
-        for name, points in POINTS.items():
-            line = recording.array(nodes[f"/paths/{name}, near"].props["points"]).reshape(-1, 3)
-            assert_allclose(line[0], points[first], atol=1e-6)
-            assert np.linalg.norm(line[-1] - points[last - 11 : last + 1], axis=1).min() < 1e-6
+        for arm, path in REPLAY.tools.items():
+            first, now = round(100 * start_s), round(100 * max(start_s, np.floor(time_s)))
+            driven = recording.array(nodes[f"/paths/{arm} driven"].props["points"]).reshape(-1, 3)
+            assert_allclose(driven[[0, -1]], path.p_world_driven_m[[first, now]], atol=1e-6)
+            planned = recording.array(nodes[f"/paths/{arm} planned"].props["points"]).reshape(-1, 3)
+            goal = path.p_world_planned_m[first : first + 601]
+            assert_allclose(planned[0], goal[0], atol=1e-6)
+            assert_allclose([planned.min(0), planned.max(0)], [goal.min(0), goal.max(0)], atol=3e-3)
     for name, points in POINTS.items():
         node = nodes[f"/paths/{name}, all"]
         assert not node.visible
         line = recording.array(node.props["points"]).reshape(-1, 3)
-        assert_allclose([line.min(0), line.max(0)], [points.min(0), points.max(0)], atol=1.5e-3)
-        assert_allclose(line[[0, -1]], points[[0, -1]], atol=1e-6)
+        assert_allclose([line.min(0), line.max(0)], [points.min(0), points.max(0)], atol=3e-3)
+
+
+def test_each_arm_has_its_colour_and_its_port_and_all_stands_on_a_table(recording):
+    nodes = Player(recording).play_to(0.0)
+    for (arm, port_m), colour in zip(REPLAY.ports_m.items(), ARMS, strict=False):
+        for kind in ("planned", "driven", "driven, now", "planned, all", "driven, all"):
+            shown = recording.array(nodes[f"/paths/{arm} {kind}"].props["colors"]).reshape(-1, 3)
+            assert (shown == colour).all()
+        assert_allclose(nodes[f"/ports/{arm}"].position, port_m)
+    assert "/table" in nodes
 
 
 def test_contacts_are_seen_at_their_place_while_they_last(recording):
@@ -164,7 +177,14 @@ def test_title_and_legend_are_in_the_page_whatever_the_title_is(tmp_path):
     text = write_replay(named, tmp_path / "replay.html").read_text()
     assert "<script>alert" not in text
     assert text.count("&lt;/head&gt;&lt;script&gt;alert(&quot;x&quot;)&lt;/script&gt; &amp; more") == 2
-    for words in ("tip, planned", "tip, driven", "30 frames per second", "For research, not for use on patients"):
+    for words in (
+        "tip, planned",
+        "tip, driven",
+        "30 frames per second",
+        "For research, not for use on patients",
+        "psm1",
+        "psm2",
+    ):
         assert words in text
 
 
@@ -209,7 +229,7 @@ def test_unknown_stretches_of_a_path_are_bridged_and_unknown_paths_left_out(tmp_
     recording = Recording.of(write_replay(replace(REPLAY, tools=tools), tmp_path / "replay.html").read_text())
     nodes = Player(recording).play_to(0.0)
     lines = {name: recording.array(node.props["points"]) for name, node in nodes.items() if name.startswith("/paths/")}
-    assert set(lines) == {f"/paths/psm1 driven, {part}" for part in ("all", "near", "now")}
+    assert set(lines) == {f"/paths/psm1 driven{part}" for part in ("", ", now", ", all")}
     assert all(np.isfinite(line).all() for line in lines.values())
 
 

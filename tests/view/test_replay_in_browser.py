@@ -12,7 +12,7 @@ pytest.importorskip("viser")
 from browser import NAMES, THUMB, browser, find_chromium
 
 from trocar.view.replay import END_S, write_replay
-from trocar.view.stage import DRIVEN, PLANNED
+from trocar.view.stage import ARMS
 from trocar.view.trial_view import TrialView
 
 pytestmark = pytest.mark.skipif(
@@ -56,6 +56,20 @@ def test_it_plays_by_itself_and_its_slider_goes_where_one_clicks(pictures):
         assert_allclose(pictures[share][0], share * (LENGTH_S + END_S), atol=0.15)
 
 
+def test_it_begins_at_the_time_in_its_address_and_goes_where_that_changes(replay, tmp_path):
+    path = write_replay(replay, tmp_path / "replay.html")
+    with browser(*SIZE) as page:
+        page.call("Page.navigate", url=f"{path.as_uri()}#t=5.25")
+        page.until(f"{THUMB} && {THUMB}.getAttribute('aria-valuenow') > 5.2")
+        assert_allclose(page.time_s(), 5.25, atol=0.2)
+        page.until(f"{THUMB}.getAttribute('aria-valuenow') > 5.3")  # it plays on
+        page.evaluate("location.hash = '#t=2'")
+        page.until(f"Math.abs({THUMB}.getAttribute('aria-valuenow') - 2) < 0.2")
+        page.evaluate("location.hash = '#t=99'")
+        page.until(f"{THUMB}.getAttribute('aria-valuenow') > {LENGTH_S}")
+        assert page.errors == []
+
+
 def test_three_moments_show_a_scene_each_and_differ(pictures):
     shown = [pictures[share][1] for share in (0.15, 0.45, 0.8)]
     for picture in shown:
@@ -69,10 +83,10 @@ def test_going_back_shows_what_was_there(pictures):
     assert changed(pictures[0.15][1], pictures["again"][1]) < 0.005
 
 
-@pytest.mark.parametrize("colour", [PLANNED, DRIVEN], ids=["planned", "driven"])
-def test_both_paths_are_seen(pictures, colour):
-    """Colours are toned by the browser: their hue is looked for, in the scene below the legend."""
-    picture = pictures[0.45][1][120:].astype(float)
+@pytest.mark.parametrize("colour", ARMS[:2], ids=["psm1", "psm2"])
+def test_both_arms_paths_are_seen(pictures, colour):
+    """Colours are toned by the browser: their hue is looked for, in the scene above the legend."""
+    picture = pictures[0.45][1][:380].astype(float)
     unit = picture - picture.mean(-1, keepdims=True)
     wanted = np.array(colour, float) - np.mean(colour)
     likeness = unit @ wanted / np.maximum(np.linalg.norm(unit, axis=-1), 1e-9) / np.linalg.norm(wanted)
@@ -91,7 +105,7 @@ def test_title_and_legend_stand_over_the_scene_and_catch_no_clicks(page, replay)
         " return [r.left, r.top, r.right, r.bottom, hit.closest('#trocar') !== null]})()"
     )
     assert 0 <= left < right <= SIZE[0]
-    assert 0 <= top < bottom <= SIZE[1] / 3
+    assert SIZE[1] * 2 / 3 <= top < bottom <= SIZE[1] - 38  # above the player's bar
     assert not catches
 
 
@@ -123,7 +137,14 @@ def test_the_live_view_draws_the_same_scene_with_its_panels(replay):
             view.show(6.0)
             assert before.std() > 30
             assert changed(before, page.scene()) > 0.01
-            for words in ("psm1", "Time line", "Camera: overhead", "jump to"):
+            for words in (
+                "psm1",
+                "Time line",
+                "Tips, driven from planned",
+                "whole paths",
+                "Camera: overhead",
+                "jump to",
+            ):
                 assert page.evaluate(f"document.body.innerText.includes('{words}')")
             outside = re.compile(rf"(http|ws)://127\.0\.0\.1:{view.port}|data:|blob:")
             assert [address for address in page.requests if not outside.match(address)] == []

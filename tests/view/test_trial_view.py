@@ -14,7 +14,7 @@ from trocar.errors import TrocarError
 from trocar.replay import CameraImage
 
 pytest.importorskip("viser")
-from trocar.view.panels import CameraPanel, JointsPanel, TimeLinePanel, decoded
+from trocar.view.panels import CameraPanel, ErrorPanel, JointsPanel, TimeLinePanel, decoded
 from trocar.view.trial_view import TrialView, jumps
 
 REPLAY = made_up_replay(12.0)
@@ -149,7 +149,7 @@ def test_events_and_contacts_can_be_jumped_to(view):
     assert not view.plays
     assert view.server.scene.get_handle_by_name("/contacts/0").visible
     event = {"name": "pick failed", "time_s": 3.27, "peg": 1, "jaw_rad": -0.1014, "path": [1, 2]}
-    assert jumps(replace(REPLAY, events=(event,), contacts=())) == {"3.27 s  pick failed, peg 1": 3.27}
+    assert jumps(replace(REPLAY, events=(event,), contacts=(), goals=())) == {"3.27 s  pick failed, peg 1": 3.27}
 
 
 def test_the_menu_of_joints_changes_the_curves(view):
@@ -171,7 +171,7 @@ def test_what_a_trial_does_not_have_is_left_out(replay):
     view = TrialView(replay, 0)
     try:
         view.show(0.3)
-        assert all(isinstance(panel, TimeLinePanel | CameraPanel | JointsPanel) for panel in view._panels)
+        assert all(isinstance(panel, TimeLinePanel | ErrorPanel | CameraPanel | JointsPanel) for panel in view._panels)
     finally:
         view.close()
 
@@ -187,3 +187,17 @@ def test_only_this_machine_can_open_it_and_it_says_nothing_on_stdout(capsys):
 def test_a_port_out_of_range_is_told():
     with pytest.raises(TrocarError, match="the port is 65536; give 1 to 65535, or 0 for any that is free"):
         TrialView(still_replay(), 65536)
+
+
+def test_the_slider_is_marked_where_something_touched_or_a_goal_was_missed(view):
+    wanted = sorted({touch.time_s for touch in REPLAY.contacts} | {12.0})
+    assert [mark.value for mark in view._slider._marks] == pytest.approx(wanted)
+    assert view.jumps["12.00 s  missed: goal 1, psm2"] == 12.0
+
+
+def test_whole_paths_are_shown_on_request(view):
+    whole = view.server.scene.get_handle_by_name("/paths/psm2 driven, all")
+    assert not whole.visible
+    view.stage.paths.show_whole(True)
+    assert whole.visible
+    view.stage.paths.show_whole(False)

@@ -12,12 +12,14 @@ from made_up_replay import made_up_replay, still_replay
 from trocar.geometry import SE3, SO3
 from trocar.replay import Replay, Solid, ToolPath
 from trocar.view.film import shoot
-from trocar.view.viewpoint import ASPECT, FIELD_RAD, MIN_RADIUS_M, viewpoint
+from trocar.view.viewpoint import ASPECT, FIELD_RAD, MARGINS, MIN_RADIUS_M, fixed_corners, viewpoint
+
+ABOVE, BELOW, BESIDE = MARGINS
 
 
 def in_picture(view, points_m):
     """Return where points (n, 3) are in the picture: (n, 2) within -1 and 1 from left to right and bottom to top."""
-    ahead = (view.centre_m - view.eye_m) / np.linalg.norm(view.centre_m - view.eye_m)
+    ahead = (view.target_m - view.eye_m) / np.linalg.norm(view.target_m - view.eye_m)
     up = np.cross(view.right, ahead)
     from_eye = points_m - view.eye_m
     depth = from_eye @ ahead
@@ -45,8 +47,10 @@ def test_tips_and_objects_are_in_the_picture_wherever_the_trial_is(angle, x, z):
     tips = np.concatenate([tool.p_world_driven_m for tool in replay.tools.values()])
     blocks = film.position_m[[name.startswith("block") for name in film.bodies]].reshape(-1, 3)
     places = in_picture(view, np.concatenate([tips, blocks]))
-    assert np.abs(places).max() < 0.8
-    assert np.abs(places).max() > 0.35  # and fill a good part of it
+    assert (np.abs(places[:, 0]) <= 1 - BESIDE + 1e-6).all()
+    assert (places[:, 1] <= 1 - ABOVE + 1e-6).all()
+    assert (places[:, 1] >= -1 + BELOW - 1e-6).all()
+    assert np.ptp(places, axis=0).max() > 0.6  # and fill a good part of it
 
 
 @settings(max_examples=15, deadline=None)
@@ -65,7 +69,9 @@ def test_the_camera_is_above_level_with_the_horizon_at_negative_y_and_looks_at_t
     assert view.eye_m[2] > view.centre_m[2]
     assert view.right[2] == 0
     assert_allclose(np.cross(view.right, [0, 0, 1]), view.front, atol=1e-12)
-    assert_allclose(in_picture(view, view.centre_m[None]), 0.0, atol=1e-12)
+    assert_allclose(in_picture(view, view.target_m[None]), 0.0, atol=1e-12)
+    ahead = (view.target_m - view.eye_m) / np.linalg.norm(view.target_m - view.eye_m)
+    assert_allclose((view.centre_m - view.target_m) @ ahead, 0.0, atol=1e-12)  # one turns about it
 
 
 @pytest.mark.parametrize("lean", [-1.0, 1.0])
@@ -95,11 +101,44 @@ def test_an_arm_that_is_parked_elsewhere_is_in_the_picture_but_not_in_its_middle
     film = shoot(replay)
     view = viewpoint(replay, film)
     assert np.abs(in_picture(view, parked[:1])).max() < 0.95
-    blocks = film.position_m[[name.startswith("block") for name in film.bodies]].reshape(-1, 3)
-    assert np.abs(in_picture(view, blocks.mean(0)[None])).max() < 0.25
     together = viewpoint(MADE_UP, shoot(MADE_UP))
-    far, near = (float(np.linalg.norm(v.eye_m - v.centre_m)) for v in (view, together))
+    far, near = (float(np.linalg.norm(v.eye_m - v.target_m)) for v in (view, together))
     assert near < far < 2.5 * near
+
+
+ON_BOARD = replace(MADE_UP, solids=tuple(s for s in MADE_UP.solids if s.body != "world" or s.size_m[0] < 0.2))
+"""Without the table, which is larger than a picture."""
+
+
+def between_margins(view, points_m):
+    """Return where points (n, 3) are in the picture, -1 to 1 between its margins: (n, 2)."""
+    places = in_picture(view, points_m)
+    return places / np.column_stack([0 * places[:, 0] + 1 - BESIDE, 1 - np.where(places[:, 1] < 0, BELOW, ABOVE)])
+
+
+def test_the_picture_is_as_tight_as_its_margins_allow():
+    replay = replace(ON_BOARD, ports_m={"psm1": np.array([0.08, 0.0, 0.07]), "psm2": np.array([-0.08, 0.0, 0.07])})
+    film = shoot(replay)
+    view = viewpoint(replay, film)
+    tips = np.concatenate([tool.p_world_driven_m for tool in replay.tools.values()])
+    everything = np.concatenate([tips, fixed_corners(replay, film), list(replay.ports_m.values())])
+    assert np.abs(between_margins(view, everything)).max() == pytest.approx(1.0, abs=1e-6)
+
+
+def test_ports_are_in_the_picture_unless_they_are_too_far_away_for_it():
+    film = shoot(ON_BOARD)
+    without = viewpoint(replace(ON_BOARD, ports_m={}), film)
+    for height, shown in ((0.07, True), (0.3, False)):
+        ports = {arm: np.array([0.6 * port[0], port[1], height]) for arm, port in MADE_UP.ports_m.items()}
+        view = viewpoint(replace(ON_BOARD, ports_m=ports), film)
+        assert (np.abs(between_margins(view, np.array([*ports.values()]))) <= 1 + 1e-6).all() == shown
+        assert np.allclose(view.eye_m, without.eye_m) != shown
+
+
+def test_beside_a_panel_the_camera_is_further_away():
+    film = shoot(MADE_UP)
+    wide, narrow = (viewpoint(MADE_UP, film, aspect) for aspect in (1.5, 0.7))
+    assert np.linalg.norm(narrow.eye_m - narrow.target_m) > 1.1 * np.linalg.norm(wide.eye_m - wide.target_m)
 
 
 def test_a_path_that_is_partly_unknown_does_not_matter():
@@ -108,3 +147,11 @@ def test_a_path_that_is_partly_unknown_does_not_matter():
     tools = {**MADE_UP.tools, "psm1": ToolPath(gaps, gaps)}
     replay = Replay("gaps", MADE_UP.times_s, MADE_UP.solids, MADE_UP.T_world_body, tools)
     assert np.isfinite(viewpoint(replay, shoot(replay)).eye_m).all()
+
+
+def test_above_a_telephones_panel_everything_is_in_the_upper_part():
+    film, below = shoot(ON_BOARD), 1.15
+    view = viewpoint(ON_BOARD, film, ASPECT, below=below)
+    tips = np.concatenate([tool.p_world_driven_m for tool in ON_BOARD.tools.values()])
+    places = in_picture(view, tips)
+    assert places[:, 1].min() > below - 1 and np.abs(places).max() < 1

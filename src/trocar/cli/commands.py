@@ -137,6 +137,11 @@ COMMANDS = {
         "trocar.cli.report:view",
         "trocar view out/ten --trial 3",
     ),
+    "open": Known(
+        "Show all runs below some folders in the browser: a table, the failures of each, two side by side, replays.",
+        "trocar.cli.open:open_runs",
+        "trocar open out",
+    ),
     "export": Known(
         "Write saved trials as flat tables (goals, spans, events, ...), as MCAP for Foxglove, or for LeRobot.",
         "trocar.cli.report:export",

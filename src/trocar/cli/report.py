@@ -6,6 +6,7 @@ import json
 import webbrowser
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ from trocar.cli.terminal import beside, details, results
 from trocar.counting import counted
 from trocar.errors import BadFile, InvalidInput
 from trocar.files.output import make_folder
+from trocar.files.video import require_encoder
 
 if TYPE_CHECKING:
     from trocar.eval.trial import Trial
@@ -40,27 +42,33 @@ def report(
         ),
     ] = None,
     video: Annotated[bool, Option("--video", help="Also make a short animation of the trial, video.webp.")] = False,
+    mp4: Annotated[
+        bool, Option("--mp4", help="Also make video.mp4, the whole trial at its own speed; needs trocar[lerobot].")
+    ] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
     if trial is None and session:
         raise InvalidInput(f"--session {session}", "is given without --trial", "add --trial K")
+    if mp4:
+        require_encoder()
     place = None if trial is None else (session, trial)
     finish(folder, as_json, interrupted=False, place=place)
-    if video:
-        _draw_video(folder, place)
+    for name, asked in (("video.webp", video), ("video.mp4", mp4)):
+        if asked:
+            _draw_video(folder, place, name)
 
 
-def _draw_video(folder: Path, place: tuple[int, int] | None) -> None:
+def _draw_video(folder: Path, place: tuple[int, int] | None, name: str) -> None:
     from trocar.eval.folder import load_trials
     from trocar.eval.trial import Trial, trial_file
     from trocar.report.files import report_of
-    from trocar.report.stills import draw_video
+    from trocar.report.video import draw_video
 
     trial = Trial.load(trial_file(folder, *place)) if place else load_trials(folder)[0][0]
-    path = (trial_file(folder, *place).with_suffix("") if place else folder) / "video.webp"
+    path = (trial_file(folder, *place).with_suffix("") if place else folder) / name
     with progress() as tick:
-        draw_video(trial, path, report_of(trial), lambda done, total: tick("frames of video.webp", done, total))
+        draw_video(trial, path, report_of(trial), lambda done, total: tick(f"frames of {name}", done, total))
     beside().print(f"video: {path}", soft_wrap=True)
 
 
@@ -170,16 +178,20 @@ def view(
 ) -> None:
     """Show a saved trial in 3D in the browser: where arms and objects were, what the scripts did, what cameras saw.
 
-    The page shows planned and driven paths of the tips and the contacts, and beside them the scripts' time line, the
-    last camera image, and asked, commanded, measured and true joints. Only this machine can open it; Ctrl-C ends.
+    The page shows planned and driven paths of the tips and the contacts, and beside them how far the tips were off, the
+    scripts' time line, the last camera image, and asked, commanded, measured and true joints. Only this machine can
+    open it; Ctrl-C ends.
     """
     need("view")
     from trocar.eval.trial import Trial  # SciPy only when needed
 
-    replay = Trial.load(trial_in(folder, session, trial)).replay()
+    saved = Trial.load(trial_in(folder, session, trial))
+    from trocar.replay import painted
+    from trocar.report.files import report_of
     from trocar.view.trial_view import TrialView  # viser is heavy
 
-    shown = TrialView(replay, port)
+    replay = saved.replay()
+    shown = TrialView(replace(replay, solids=painted(replay.solids, report_of(saved).colours)), port)
     address = f"http://127.0.0.1:{shown.port}"
     typer.echo(f"{replay.title}: {address} in a browser; Ctrl-C ends", err=True)
     if open_browser:

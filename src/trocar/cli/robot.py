@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Container, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import typer
@@ -16,9 +17,19 @@ from trocar.errors import InvalidInput
 from trocar.eval.config import RunConfig
 from trocar.lab import Station
 
+if TYPE_CHECKING:
+    from trocar.eval.run import Attendant
+
 
 def run_robot(
-    config: RunConfig, out: Path | None, *, enable_motion: bool, yes: bool, strict: bool, as_json: bool
+    config: RunConfig,
+    out: Path | None,
+    *,
+    enable_motion: bool,
+    yes: bool,
+    strict: bool,
+    as_json: bool,
+    attendant: Attendant | None = None,
 ) -> None:
     """Run the trials of a run that are still to do, one after the other, and report on them.
 
@@ -37,7 +48,7 @@ def run_robot(
     for session, index in todo:
         if asks and not typer.confirm(f"trial {index}: is the table ready, and may the arms move?", err=True):
             break
-        trial = run_on_robot(config, index, _tell)
+        trial = run_on_robot(config, index, _tell, attendant)
         if asks:
             trial.about["tally"] = _tally(len(trial.scores), trial.goal_noun)
         path = trial_file(folder, session, index)
@@ -99,7 +110,7 @@ def _box(corners_m: np.ndarray | None) -> str:
 
 
 def _tell(event: Mapping[str, object]) -> None:
-    told = {key: value for key, value in event.items() if key in ("arm", "goal", "outcome", "reason", "fault")}
+    told = {key: value for key, value in event.items() if key in ("arm", "wish", "goal", "outcome", "reason", "fault")}
     said = ", ".join(f"{key} {value}" for key, value in told.items())
     beside().print(f"{event['time_s']:.1f} s: {event['name']}: {said}", soft_wrap=True, markup=False, highlight=False)
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from typer import Argument, Option
 
@@ -18,12 +22,13 @@ from trocar.cli.report import finish
 from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside, rich_table
 from trocar.counting import counted
-from trocar.errors import BadFile, InvalidInput
-from trocar.eval import TASKS, Task, methods_of_any
+from trocar.errors import BadFile, InvalidInput, InvalidValue, UnknownName
+from trocar.eval import METHODS, TASKS, Task, methods_of_any
 from trocar.eval.config import RunConfig
 from trocar.interruption import CtrlC
 
 if TYPE_CHECKING:
+    from trocar.console import Watch
     from trocar.eval.study import Condition, Results, RowKind, TableData
 
 OF_STUDY = ("trials", "model", "station", "difficulty", "flaws")
@@ -38,6 +43,10 @@ CacheFolder = Annotated[
     ),
 ]
 ABOUT_RAISE = "Stop at an exception of the agent, which else ends its trial only."
+ABOUT_WATCH = "Open a page on which a person watches, stops, takes over; with --method person, does it all."
+ABOUT_CONFIRM = "With --watch: what a script needs the person's yes for."
+ABOUT_SPEED = "With --watch: seconds of the cell's clock a second; 0: no limit."
+ABOUT_DEVICES = "With --watch: TCP port of this machine on which devices may move arms; 0: any free one."
 ABOUT_POLICY = "With --method policy: a folder, FILE.py:function, module:function or tcp://HOST:PORT."
 Jobs = Annotated[int | None, Option(min=1, help="How many trials to run at once.", show_default="one per core")]
 Backend = Annotated[str, Option(help="Where the work is done: processes, dask.")]
@@ -62,6 +71,10 @@ def run(
     enable_motion: Annotated[bool, Option("--enable-motion", help="With --robot: let the arms move.")] = False,
     yes: Annotated[bool, Option("--yes", help="With --robot: do not ask before the arms move.")] = False,
     policy: Annotated[str, Option(metavar="WHAT", help=ABOUT_POLICY)] = "",
+    watch: Annotated[bool, Option("--watch", help=ABOUT_WATCH)] = False,
+    confirm: Annotated[str, Option(metavar="goals|motions", help=ABOUT_CONFIRM)] = "",
+    speed: Annotated[float, Option(help=ABOUT_SPEED)] = 1.0,
+    devices: Annotated[int | None, Option(metavar="PORT", min=0, max=65535, help=ABOUT_DEVICES)] = None,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -76,12 +89,15 @@ def run(
     if raise_errors and jobs != 1:
         raise InvalidInput("--raise", "has no effect on trials in other processes", "drop --jobs")
     config = RunConfig(task(**options), **_with_policy(run, policy), plugins=tuple(map(str, plugin or ())))
+    _require_console(config, watch, confirm, speed, devices)
     if config.robot:
         from trocar.cli.robot import run_robot
 
         if jobs != 1:
             raise InvalidInput(f"--jobs {jobs}", "is more than one robot can do at once", "drop --jobs")
-        run_robot(config, out, enable_motion=enable_motion, yes=yes, strict=strict, as_json=as_json)
+        with _watched(watch, confirm, speed, devices, jobs) as attendant:
+            how = {"attendant": attendant, "strict": strict, "as_json": as_json}
+            run_robot(config, out, enable_motion=enable_motion, yes=yes, **how)
         return
     if enable_motion or yes:
         flag = "--enable-motion" if enable_motion else "--yes"
@@ -89,19 +105,20 @@ def run(
     if config.model == "lstm":
         need("learn")
     folder = out or default_folder(f"{task.name}-{config.method}-{config.seed}", config.unusual)
-    todo = open_folder(config, folder)
-    if not todo:
-        kept = counted(config.sessions * config.trials, "trial")
-        beside().print(f"nothing to run: {folder} has the run's {kept}", soft_wrap=True)
     interrupted = False
     try:
-        with progress() as tick, CtrlC() as ctrl_c:
+        with _watched(watch, confirm, speed, devices, jobs) as attendant, progress() as tick, CtrlC() as ctrl_c:
+            todo = open_folder(config, folder)
+            if not todo:
+                kept = counted(config.sessions * config.trials, "trial")
+                beside().print(f"nothing to run: {folder} has the run's {kept}", soft_wrap=True)
 
             def shown(work: str, done: int, total: int | None, now: str = "") -> None:
                 ctrl_c.check()
                 tick(work, done, total, now)
 
-            for wrong in play_run(config, folder, todo, jobs=jobs, tick=shown, raise_errors=raise_errors):
+            how = {"jobs": jobs, "tick": shown, "raise_errors": raise_errors, "attendant": attendant}
+            for wrong in play_run(config, folder, todo, **how):
                 beside().print(wrong, soft_wrap=True, markup=False)
     except KeyboardInterrupt as stop:
         interrupted = True
@@ -112,15 +129,52 @@ def run(
         raise typer.Exit(130 if interrupted else 1)
 
 
+def _require_console(config: RunConfig, watch: bool, confirm: str, speed: float, devices: int | None) -> None:
+    """Raise if something is asked for that only a person at a console can do, and there is none, or cannot be."""
+    if watch and config.robot and speed != 1.0:
+        raise InvalidInput(f"--speed {speed:g}", "is for the clock of a simulated cell", "drop it, or --robot")
+    if watch:
+        return
+    if confirm or speed != 1.0 or devices is not None:
+        raise InvalidInput("--confirm, --speed and --devices", "need a console", "give --watch, or drop them")
+    if config.chosen_method.attended:
+        raise InvalidInput(f"--method {config.method}", "is a person, who needs a console", "give --watch")
+
+
+@contextmanager
+def _watched(watch: bool, confirm: str, speed: float, devices: int | None, jobs: int) -> Iterator[Watch | None]:
+    """Open the console of a run, if it is wanted, and say how fast hands were followed when it ends."""
+    if not watch:
+        yield None
+        return
+    if jobs != 1:
+        raise InvalidInput(f"--jobs {jobs}", "is more trials than one person can watch", "drop --jobs")
+    if not (math.isfinite(speed) and speed >= 0):
+        raise InvalidValue("--speed", speed, "give a number above 0, or 0 for no limit")
+    need("view")
+    from trocar.console import Watch  # the simulator is heavy
+    from trocar.view.console_view import Level
+
+    levels = {"": Level.AUTONOMOUS, "goals": Level.GOALS, "motions": Level.MOTIONS}
+    if confirm not in levels:
+        raise UnknownName("--confirm", confirm, [level for level in levels if level])
+    told = partial(beside().print, "console:")
+    with Watch(levels[confirm], speed, inputs=devices, told=told) as console:
+        yield console
+    if console.latencies_s:
+        p50, p95 = 1e3 * np.percentile(console.latencies_s, (50, 95))
+        beside().print(f"from a hand to the set-point: p50 {p50:.0f} ms, p95 {p95:.0f} ms")
+
+
 def _with_policy(run: Mapping[str, Any], policy: str) -> dict[str, Any]:
     """Return the options of a run with those of its policy, which is tried out before anything is written."""
-    asked = run["method"] in methods_of_any()
+    asked = run["method"] in methods_of_any() and hasattr(METHODS[f"*/{run['method']}"].make_settings(), "policy")
     if asked and not policy:
         raise InvalidInput(f"--method {run['method']}", "names no policy", "give --policy DIR, or module:function")
     if not policy:
         return dict(run)
     if not asked:
-        remedy = f"give --method {' or '.join(methods_of_any())}"
+        remedy = "give --method policy or policy-calibrated"
         raise InvalidInput(f"--policy {policy}", "is used by another method than the one chosen", remedy)
     from trocar.learn.policy import load_policy, policy_digest
 

@@ -153,7 +153,9 @@ class RunConfig:
         if self.perception:
             pick_perception(kind, self.perception)
         difficulty = Difficulty.of(self.difficulty, self.flaws)
-        station = self.task.at(replace(load_station(self.station), difficulty=difficulty)).require_relevant(kind.name)
+        station = replace(load_station(self.station), difficulty=difficulty)
+        self._set(task=self.task.done_at(station))
+        station = self.task.at(station).require_relevant(kind.name)
         self._set(laboratory=station, arms=self.task.working_arms(station))
         if self.robot:
             self._choose_cables(method)

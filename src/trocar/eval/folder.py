@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if record.is_file():
-            found = _record(folder)
+            found = run_record(folder)
             if not found:
                 problem = "is damaged, so it is unknown whose trials lie beside it"
                 remedy = "choose another folder with --out, or move it away if they are of this run"
@@ -68,25 +69,37 @@ def load_trials(folder: str | Path) -> tuple[Trials, list[str]]:
         raise BadFile(folder, "does not exist", "make one with `trocar run`", kind="folder")
     usable: list[Path] = []
     strange: list[str] = []
-    run = str(_record(folder).get("fingerprint", ""))
-    for path in trial_files(folder):
-        try:
-            trial = Trial.load(path)
-        except TrocarError as error:
-            strange.append(f"left aside: {error}")
-            continue
-        run = run or trial.about["fingerprint"]
-        if trial.about["fingerprint"] != run:
-            strange.append(f"left aside: {str(path)!r} is of another run")
-        elif trial_file(folder, *_place(trial.about)) != path:
-            session, index = _place(trial.about)
-            strange.append(f"left aside: {str(path)!r} is session {session}, trial {index} under another name")
+    for path, found in look_through(folder, Trial.load):
+        if isinstance(found, str):
+            strange.append(found)
         else:
             usable.append(path)
     if not usable:
         more = f" ({strange[0]})" if strange else ""
         raise BadFile(folder, f"holds no trial that can be read{more}", where_runs_are(folder), kind="folder")
     return Trials(usable), strange
+
+
+def look_through(folder: str | Path, read: Callable[..., Trial]) -> Iterator[tuple[Path, Trial | str]]:
+    """Yield each trial's file in a run's folder, in order, with its trial, or a sentence if it cannot be used.
+
+    ``read`` returns the trial in a file, as ``Trial.load`` does.
+    """
+    run = str(run_record(folder).get("fingerprint", ""))
+    for path in trial_files(folder):
+        try:
+            trial = read(path)
+        except TrocarError as error:
+            yield path, f"left aside: {error}"
+            continue
+        run = run or trial.about["fingerprint"]
+        if trial.about["fingerprint"] != run:
+            yield path, f"left aside: {str(path)!r} is of another run"
+        elif trial_file(folder, *_place(trial.about)) != path:
+            session, index = _place(trial.about)
+            yield path, f"left aside: {str(path)!r} is session {session}, trial {index} under another name"
+        else:
+            yield path, trial
 
 
 def where_runs_are(folder: str | Path) -> str:
@@ -109,7 +122,7 @@ def load_trial(path: str | Path) -> Trial:
     path = Path(path)
     trial = Trial.load(path)
     folder = path.absolute().parent.parent
-    run = str(_record(folder).get("fingerprint", ""))
+    run = str(run_record(folder).get("fingerprint", ""))
     if run and trial.about["fingerprint"] != run:
         raise BadFile(path, "belongs to another run than its folder", "give one of that run")
     if run and trial_file(folder, *_place(trial.about)) != path.absolute():
@@ -120,7 +133,7 @@ def load_trial(path: str | Path) -> Trial:
 
 def requested(folder: str | Path) -> tuple[int, int] | None:
     """Return the requested numbers of sessions and of trials in each; None if the run's record is lost."""
-    found = _record(Path(folder))
+    found = run_record(folder)
     try:
         return int(found["sessions"]), int(found["trials"])
     except (ValueError, KeyError, TypeError):
@@ -129,7 +142,7 @@ def requested(folder: str | Path) -> tuple[int, int] | None:
 
 def still_to_do(folder: str | Path, done: int) -> list[str]:
     """Return a sentence if a run has fewer trials than requested, so that it is not taken for the whole run."""
-    if _record(Path(folder)).get("method") == CLIENT:
+    if run_record(folder).get("method") == CLIENT:
         return []  # each trial of another program is asked for by itself
     record = requested(folder)
     if record is None:
@@ -145,10 +158,10 @@ def _place(about: dict[str, Any]) -> tuple[int, int]:
     return about["session"], about["index"]
 
 
-def _record(folder: Path) -> dict[str, Any]:
+def run_record(folder: str | Path) -> dict[str, Any]:
     """Return what is recorded of the run that a folder was made for; empty if that is lost."""
     try:
-        found = read_json(folder / RECORD)
+        found = read_json(Path(folder) / RECORD)
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -15,7 +15,7 @@ from trocar.errors import BadFile, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import RECORD, is_done, load_trials, open_folder, set_aside
 from trocar.eval.prepare import Prepared, prepare
-from trocar.eval.run import run_trial
+from trocar.eval.run import Attendant, run_trial
 from trocar.eval.staged import AGENT_ERROR
 from trocar.eval.study import Condition, RowKind
 from trocar.eval.task import TASKS
@@ -60,19 +60,27 @@ def calibrate(order: SessionOrder) -> None:
             prepare(config, order.session, folder)
 
 
-def play(order: TrialOrder, listener: Listener | None = None, *, raise_errors: bool = False) -> str:
+def play(
+    order: TrialOrder,
+    listener: Listener | None = None,
+    *,
+    raise_errors: bool = False,
+    attendant: Attendant | None = None,
+) -> str:
     """Run a trial and save it, unless it exists; return what is wrong with it in a sentence, empty if nothing is.
 
     Args:
         order: which trial.
         listener: called with each event of the scripts.
         raise_errors: whether an exception of the agent is raised; else it ends the trial, which keeps its traceback.
+        attendant: who is beside it.
     """
     _require_folder(order.folder)
     if is_done(order.folder, (order.session, order.index), order.config.fingerprint):
         return ""
     try:
-        trial = run_trial(order.config, _prepared(order), order.index, listener, raise_errors=raise_errors)
+        prepared, how = _prepared(order), {"raise_errors": raise_errors, "attendant": attendant}
+        trial = run_trial(order.config, prepared, order.index, listener, **how)
     except PhysicsError as error:
         return f"{order.path} is void: {error}"
     set_aside(order.path)
@@ -103,6 +111,7 @@ def play_run(
     jobs: int = 1,
     tick: Tick = untold,
     raise_errors: bool = False,
+    attendant: Attendant | None = None,
 ) -> Iterator[str]:
     """Run trials of one run and yield a sentence for each with which something is wrong, as they end.
 
@@ -113,11 +122,12 @@ def play_run(
         jobs: how many trials are run at once; more than one: each in its own process.
         tick: called with the progress.
         raise_errors: as in :func:`play`.
+        attendant: who is beside the trials, which then run one at a time.
     """
     folder = Path(folder).absolute()
     orders = [TrialOrder(config, folder, *place) for place in todo]
     if jobs == 1:
-        yield from _play_in_turn(config, orders, tick, raise_errors)
+        yield from _play_in_turn(config, orders, tick, raise_errors, attendant)
         return
     workers = pick_workers("processes", jobs)
     sessions = [SessionOrder(((config, folder),), session) for session in dict.fromkeys(place[0] for place in todo)]
@@ -130,16 +140,22 @@ def play_run(
         yield from [wrong] if wrong else []
 
 
-def _play_in_turn(config: RunConfig, orders: Sequence[TrialOrder], tick: Tick, raise_errors: bool) -> Iterator[str]:
-    """Run trials in this process; a goal that ends, and an image of a calibration, are progress too."""
+def _play_in_turn(
+    config: RunConfig,
+    orders: Sequence[TrialOrder],
+    tick: Tick,
+    raise_errors: bool,
+    attendant: Attendant | None,
+) -> Iterator[str]:
+    """Run trials in this process; a goal that ends, and a row of a calibration, are progress too."""
     _LAST.clear()
     goals, noun, done, where = len(config.task.goals()), config.task.goal_noun, 0, ""
 
     def say(now: str) -> None:
         tick(f"{noun}s", done, goals * len(orders), now)
 
-    def count(arm: str, image: int, total: int) -> None:
-        tick(f"{where}: images for the calibration of {arm}", image, total)
+    def count(arm: str, row: int, total: int) -> None:
+        tick(f"{where}: calibration of {arm}", row, total)
 
     def listen(event: Mapping[str, object]) -> None:
         nonlocal done
@@ -153,7 +169,7 @@ def _play_in_turn(config: RunConfig, orders: Sequence[TrialOrder], tick: Tick, r
         _prepared(order, count)
         where = f"session {order.session + 1}, trial {order.index + 1}"
         say(where)
-        wrong = play(order, listen, raise_errors=raise_errors)
+        wrong = play(order, listen, raise_errors=raise_errors, attendant=attendant)
         done = goals * (number + 1)
         say(f"{where}: saved")
         yield from [wrong] if wrong else []

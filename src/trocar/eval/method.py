@@ -73,6 +73,7 @@ class Method:
         agent: class of its agent, or any function of an :class:`AgentContext`; lazy where importing it is expensive.
         settings: class of its settings, a dataclass whose fields have defaults. Lazy likewise.
         calibrated: whether the arms' cables are compensated by a model that is fitted before the trials of a session.
+        attended: whether a person at a console does it.
         learns: whether the arms' cables are compensated by models that start from a prior alone, and the agent lets its
             robot (``trocar.robots.Adaptive``) learn; then it is not ``calibrated``.
         wrap_robot: the robot's extra wrapper for its agent: a function of the cell and the method's settings that
@@ -88,6 +89,7 @@ class Method:
     settings: Callable[[], Any] | Lazy = NoSettings
     calibrated: bool = False
     learns: bool = False
+    attended: bool = False
     wrap_robot: Callable[[Cell, Any], Robot] | Lazy | None = None
     stop_at_limits: bool = False
     planner: str = "spline"
@@ -217,6 +219,8 @@ METHODS: Registry[Method] = Registry(
     {
         "*/policy": Lazy("trocar.learn.agent:POLICY"),
         "*/policy-calibrated": Lazy("trocar.learn.agent:POLICY_CALIBRATED"),
+        "*/person": Lazy("trocar.console.person:PERSON"),
+        "*/person-calibrated": Lazy("trocar.console.person:PERSON_CALIBRATED"),
     },
     check=_require_method,
 )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
@@ -13,24 +14,27 @@ from trocar.calibration.fleet import FleetPrior, expected, load_prior
 from trocar.calibration.models import CableModel, load_model
 from trocar.cell import Cell
 from trocar.eval.config import TRIALS, RunConfig
-from trocar.eval.run import compensated, context_of, play_agent
-from trocar.eval.scenery import Scenery
+from trocar.eval.run import Attendant, compensated, context_of, heard_by, play_agent
+from trocar.eval.sight import robot_scenery
 from trocar.eval.staged import DONE, End, Photographer, encoded, plain
 from trocar.eval.trial import Trial
 from trocar.hardware.kinds import robot_of
-from trocar.hardware.laboratory import HardwareLaboratory, registered
+from trocar.hardware.laboratory import HardwareLaboratory
 from trocar.log import machine_speed
-from trocar.robots import TICK_S
 from trocar.sim.laboratory import Listener
 from trocar.sim.pace import Script
 
 STOPPED = "STOPPED"
 """How a trial ended that a person stopped."""
+ASKED_S = 0.1
+"""So often it is asked whether a script waits for a person."""
 SESSION = 0
 """Number of the only session of a robot's run."""
 
 
-def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None) -> Trial:
+def run_on_robot(
+    config: RunConfig, index: int, listener: Listener | None = None, attendant: Attendant | None = None
+) -> Trial:
     """Connect the arms, run one trial, leave the arms holding; return the trial, whatever ended it.
 
     What nobody knows is not in it: no true joints, no bodies, no collisions. Its scores are what the script itself
@@ -40,6 +44,7 @@ def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None
         config: of the run, with ``robot``.
         index: of the trial.
         listener: called with each event of the scripts.
+        attendant: who is beside it.
 
     Raises:
         TrocarError: an arm or a camera cannot be connected; nothing has moved then.
@@ -48,7 +53,9 @@ def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None
     config.task.told([])  # a task that needs a referee says so before anything moves
     models, priors = models_of(config)
     kind, _ = robot_of(config.robot)
-    with kind.connect(config.laboratory, listener) as laboratory:
+    with kind.connect(config.laboratory, heard_by(listener, attendant)) as laboratory:
+        if attendant is not None:
+            attendant.attend(config, laboratory)
         if models:
             laboratory.wrap_robot(lambda cell: compensated(config, models, priors, cell))
         settings = method.make_settings(config.settings)
@@ -56,7 +63,7 @@ def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None
             laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
         rng = np.random.default_rng(config.seeds(SESSION, TRIALS, index))
         context = context_of(config, laboratory.cell, rng, settings)
-        run = partial(_run_until_refused, laboratory)
+        run = partial(_run_until_refused, laboratory, attendant)
         try:
             end = play_agent(run, config, context, raise_errors=False)
         except KeyboardInterrupt:
@@ -70,23 +77,38 @@ def run_on_robot(config: RunConfig, index: int, listener: Listener | None = None
     return _trial(config, index, laboratory, end, duration_s, plain(settings), time.perf_counter() - began)
 
 
-def _run_until_refused(laboratory: HardwareLaboratory, script: Script, budget_s: float) -> bool:
+def _run_until_refused(
+    laboratory: HardwareLaboratory, attendant: Attendant | None, script: Script, budget_s: float
+) -> bool:
     """Run a script until an arm refuses to move because something is wrong: from then on it could only fail."""
 
     async def attended(cell: Cell) -> None:
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(laboratory.robot.refusal)
-            await script(cell)
-            nursery.cancel_scope.cancel()
+        budget.deadline = trio.current_time() + budget_s
+        with budget:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(laboratory.robot.refusal)
+                if attendant is not None:
+                    nursery.start_soon(attendant.serve, cell)
+                    nursery.start_soon(_lengthen, budget, attendant)
+                await script(cell)
+                nursery.cancel_scope.cancel()
 
-    ended, error = False, None
+    budget, error = trio.CancelScope(), None
     try:
-        ended = laboratory.run(attended, budget_s)
+        laboratory.run(attended, math.inf)
     except Exception as other:
         error = other
     if (why := laboratory.robot.refused or error) is not None:  # whatever else the script made of it
         raise why
-    return ended
+    return not budget.cancelled_caught
+
+
+async def _lengthen(budget: trio.CancelScope, attendant: Attendant) -> None:
+    """Let the time that a script waits for a person's yes not count, as it does not in the simulator."""
+    while True:
+        await trio.sleep(ASKED_S)
+        if attendant.asks:
+            budget.deadline += ASKED_S
 
 
 def models_of(config: RunConfig) -> tuple[dict[str, CableModel], dict[str, FleetPrior]]:
@@ -136,15 +158,7 @@ def _trial(
         duration_s=round(duration_s, 6),
         command_limit_use={arm: robot.limit_use(arm) for arm in station.arms},
         arrays={name: rows.astype(np.float32) for name, rows in arrays.items()} | log.series,
-        scenery=Scenery(
-            solids=(),
-            T_world_body={},
-            arms=station.models,
-            T_world_base={},
-            T_world_base_registered={name: registered(arm) for name, arm in station.arms.items()},
-            cameras=cameras,
-            tick_s=TICK_S,
-        ),
+        scenery=replace(robot_scenery(station), cameras=cameras),
         images=blobs,
         computations=log.computations,
         machine_speed=machine_speed(),

@@ -24,9 +24,10 @@ from trocar.lab import SensorFlaws
 from trocar.lab.session import Session, draw_session
 from trocar.sim.calibration_cells import record_motion
 
-IMAGES_ROWS = 650
-"""Number of images of an arm in a run: half of the paper's rows. The wrist's RMSE of `play` against the cables alone is
-then .0062 rad or less, with all 1355 .0054 or less (`benchmarks/bench_fiducials.py`), at half the time."""
+IMAGES_ROWS, EVERY = 650, 2
+"""Number of images of an arm in a run, and of commands for each: together the paper's motion, in half of the images.
+Neighbouring rows show much the same, so that a model is as good as with an image of each, and better than with as many
+images of half the motion (`benchmarks/bench_fiducials.py`)."""
 
 REFIT_SAMPLES, REFIT_IMAGES = 30, 45
 """Samples for a quick refit of the cables' offsets after instruments were remounted; more for images, because some show
@@ -41,7 +42,7 @@ CACHE = "TROCAR_CACHE"
 """Environment variable that names the folder of the cache."""
 
 Listener = Callable[[str, int, int], None]
-"""Called with the arm that is calibrated, the number of images taken and of all images."""
+"""Called with the arm that is calibrated, the number of rows done and of all rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ def prepare(config: RunConfig, number: int, folder: str | Path, *, listener: Lis
         config: of the run.
         number: of the session.
         folder: of the run.
-        listener: called after each image of a calibration.
+        listener: called after each row of a calibration.
     """
     folder = Path(folder)
     session = draw_session(config.laboratory, config.rng(number, SESSION))
@@ -107,10 +108,11 @@ def _calibrated(
         model = load_model(known, key) if known.is_file() else None
     if model is None:
         wide = config.prior != NO_PRIOR
-        rows = WIDE_ROWS if wide else IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
+        every = EVERY if config.calibration == IMAGES and not wide else 1
+        rows = WIDE_ROWS if wide else every * IMAGES_ROWS if config.calibration == IMAGES else SAMPLES
         stream = (number, CALIBRATION, config.arms.index(arm))
         images = session_folder(folder, number) / f"spheres_{arm}.npz"
-        recording = _recording(config, session, arm, stream, rows, images, listener, wide=wide)
+        recording = _recording(config, session, arm, stream, rows, images, listener, every=every, wide=wide)
         if wide:
             model = fit_from_prior(recording, _prior(config, arm))
         else:
@@ -149,6 +151,7 @@ def _recording(
     path: Path | None = None,
     listener: Listener | None = None,
     *,
+    every: int = 1,
     wide: bool = False,
 ) -> Recording:
     """Return a recording of an arm in this session, from images or with drawn noise, as configured."""
@@ -156,7 +159,7 @@ def _recording(
     if config.calibration != IMAGES:
         return record_motion(session, arm, config.rng(*stream), box, rows, wide=wide)
     flaws = SensorFlaws.none() if config.flawless_camera else None
-    collection = Collection(session, arm, box, config.seeds(*stream), rows, wide=wide, flaws=flaws)
+    collection = Collection(session, arm, box, config.seeds(*stream), rows, every=every, wide=wide, flaws=flaws)
     heard = None if listener is None else lambda done, total: listener(arm, done, total)
     return collection.recording(collection.measured(collection.run(path, heard)))
 

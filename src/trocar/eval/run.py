@@ -5,10 +5,12 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import trio
 
 from trocar.calibration.fleet import FleetPrior
 from trocar.calibration.models import CableModel
@@ -19,19 +21,47 @@ from trocar.eval.method import AgentContext, objects_of, pick_perception
 from trocar.eval.prepare import Prepared
 from trocar.eval.staged import AGENT_ERROR, FAULT, OUT_OF_TIME, End, StagedTrial
 from trocar.eval.trial import Trial
+from trocar.hardware.laboratory import HardwareLaboratory
 from trocar.motion import PLANNERS
 from trocar.registry import Lazy
 from trocar.robots import Adaptive, Compensated
-from trocar.sim.laboratory import Listener
-from trocar.sim.pace import Script
+from trocar.sim.laboratory import Listener, SimLaboratory
+from trocar.sim.pace import Pace, Script
 from trocar.sim.world import PhysicsError
 
 OBSERVED = Lazy("trocar.learn.observed:Observed")
 """An agent beside which what a policy would observe is noted."""
 
 
+class Attendant(Pace, Protocol):
+    """Who is beside a trial while it runs, and sets the pace of a simulator's clock: a person at a console."""
+
+    def attend(self, config: RunConfig, laboratory: SimLaboratory | HardwareLaboratory) -> None:
+        """Come to a laboratory whose robot nothing has wrapped yet."""
+        ...
+
+    async def serve(self, cell: Cell) -> None:
+        """Act beside the agent, until this is cancelled."""
+        ...
+
+    def heard(self, event: Mapping[str, object]) -> None:
+        """Hear an event of the log."""
+        ...
+
+    @property
+    def asks(self) -> bool:
+        """Return whether a script waits for an answer."""
+        ...
+
+
 def run_trial(
-    config: RunConfig, prepared: Prepared, index: int, listener: Listener | None = None, *, raise_errors: bool = False
+    config: RunConfig,
+    prepared: Prepared,
+    index: int,
+    listener: Listener | None = None,
+    *,
+    raise_errors: bool = False,
+    attendant: Attendant | None = None,
 ) -> Trial:
     """Run one trial of a session and return it.
 
@@ -41,6 +71,7 @@ def run_trial(
         index: of the trial in its session.
         listener: called with each event of the scripts.
         raise_errors: whether an exception of the agent is raised; else it ends the trial, which keeps its traceback.
+        attendant: who is beside it.
 
     Raises:
         PhysicsError: the simulation broke down; the trial is void.
@@ -48,8 +79,11 @@ def run_trial(
     """
     began = time.perf_counter()
     method = config.chosen_method
-    staged = StagedTrial(config, prepared, index, listener)
-    laboratory = staged.laboratory
+    staged = StagedTrial(config, prepared, index, heard_by(listener, attendant))
+    laboratory, run = staged.laboratory, staged.laboratory.run
+    if attendant is not None:
+        attendant.attend(config, laboratory)
+        run = partial(_run_attended, laboratory, attendant)
     if prepared.models:
         laboratory.wrap_robot(lambda cell: compensated(config, prepared.models, prepared.priors, cell))
     settings = method.make_settings(config.settings)
@@ -57,11 +91,35 @@ def run_trial(
         laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
     context = context_of(config, laboratory.cell, staged.agent_rng, settings)
     try:
-        end = play_agent(laboratory.run, config, context, raise_errors)
+        end = play_agent(run, config, context, raise_errors)
     except Exception as error:
         error.add_note(f"in session {prepared.number}, trial {index} of seed {config.seed}, method {config.method!r}")
         raise
     return staged.finished(end, time.perf_counter() - began, settings)
+
+
+def heard_by(listener: Listener | None, attendant: Attendant | None) -> Listener | None:
+    """Return what passes each event on to both."""
+    if attendant is None or listener is None:
+        return attendant.heard if attendant is not None else listener
+
+    def tell(event: Mapping[str, object]) -> None:
+        listener(event)
+        attendant.heard(event)
+
+    return tell
+
+
+def _run_attended(laboratory: SimLaboratory, attendant: Attendant, script: Script, budget_s: float) -> bool:
+    """Run a script with somebody beside it; return whether it ended in time."""
+
+    async def both(cell: Cell) -> None:
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(attendant.serve, cell)
+            await script(cell)
+            nursery.cancel_scope.cancel()
+
+    return laboratory.run(both, budget_s, attendant)
 
 
 def context_of(config: RunConfig, cell: Cell, rng: np.random.Generator, settings: Any) -> AgentContext:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, frames
 from trocar.errors import InvalidInput
+from trocar.eval.turns import turns_of
 from trocar.geometry import SE3, SO3
-from trocar.replay import CameraImage, Contact, Replay, Solid, ToolPath
+from trocar.replay import CameraImage, Contact, Goal, Replay, Solid, ToolPath
 
 if TYPE_CHECKING:
     from trocar.eval.trial import Trial
@@ -77,9 +78,8 @@ class Scenery:
         title = " ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key))
         title += " on a robot, as its encoders read" if trial.on_robot else ""
         return replace(
-            self.shown(
-                title + (" on a robot, as its encoders read" if trial.on_robot else ""), trial.times_s, trial.arrays
-            ),
+            self.shown(title, trial.times_s, trial.arrays),
+            goals=_goals(trial),
             contacts=tuple(contact_of(collision) for collision in trial.collisions),
             spans=tuple((s.arm, s.name, s.start_s, s.end_s) for s in trial.spans),
             events=tuple(trial.events),
@@ -104,11 +104,13 @@ class Scenery:
         """
         bodies: dict[str, SE3] = dict(self.T_world_body)
         tools: dict[str, ToolPath] = {}
+        ports_m: dict[str, NDArray[np.float64]] = {}
         for name, arm in self.arms.items():
             known = f"true_{name}" in arrays
             kind, base = ("true", self.T_world_base) if known else ("measured", self.T_world_base_registered)
             driven = arrays[f"{kind}_{name}"].astype(np.float64)
             bodies |= link_poses(name, arm, base[name], driven)
+            ports_m[name] = base[name].translation_m
             asked = arrays.get(f"{planned}_{name}", driven).astype(np.float64)
             tools[name] = ToolPath(
                 (self.T_world_base_registered[name] @ fk(arm, asked[:, :6])).translation_m,
@@ -125,12 +127,27 @@ class Scenery:
             self.solids,
             bodies,
             tools,
+            ports_m=ports_m,
             joints={
                 name: {kind: arrays[f"{kind}_{name}"] for kind in kinds if f"{kind}_{name}" in arrays}
                 for name in self.arms
             },
             joint_names={name: (*(j.name for j in arm.joints), "jaw") for name, arm in self.arms.items()},
         )
+
+
+def _goals(trial: Trial) -> tuple[Goal, ...]:
+    """Return the work of each arm on each goal; where nobody noted which arm worked, all that work did."""
+
+    def failed(number: int) -> bool:
+        score = trial.scores[number] if number < len(trial.scores) else {"attempted": False}
+        return bool(score["attempted"]) and not score["succeeded"]
+
+    return tuple(
+        Goal(arm, turn.goal, turn.start_s, turn.end_s, failed(turn.goal))
+        for turn in turns_of(trial)
+        for arm in ([turn.arm] if turn.arm is not None else trial.about["arms"])
+    )
 
 
 def contact_of(collision: Mapping[str, Any]) -> Contact:

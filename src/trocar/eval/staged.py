@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from io import BytesIO
 from typing import Any, Protocol, runtime_checkable
 
@@ -63,6 +63,20 @@ class End:
     error: str = ""
 
 
+def scenery_of(laboratory: SimLaboratory) -> Scenery:
+    """Return what is to be seen of a laboratory, without images; simulator truth."""
+    world, session = laboratory.world, laboratory.session
+    return Scenery(
+        solids=solids_of(world),
+        T_world_body=fixed_poses(world),
+        arms=session.models,
+        T_world_base=session.T_world_base,
+        T_world_base_registered=session.T_world_base_registered,
+        cameras={},
+        tick_s=TICK_S,
+    )
+
+
 class StagedTrial:
     """A trial's laboratory, drawn from the seeds of its run, for whoever plays it.
 
@@ -91,7 +105,7 @@ class StagedTrial:
         if config.command_noise:
             push_m = 1e-3 * config.command_noise
             self.laboratory.wrap_robot(lambda cell: Shaken(cell.robot, cell.arms, shake_rng, push_m))
-        self._solids, self._fixed = solids_of(self.laboratory.world), fixed_poses(self.laboratory.world)
+        self._scenery = scenery_of(self.laboratory)
 
     def finished(self, end: End, wall_s: float, settings: Any, images: Files | None = None) -> Trial:
         """Return the trial as it was played, scored by the task from what really happened.
@@ -134,15 +148,7 @@ class StagedTrial:
                 **laboratory.task.arrays(record),
                 **laboratory.log.series,
             },
-            scenery=Scenery(
-                solids=self._solids,
-                T_world_body=self._fixed,
-                arms=session.models,
-                T_world_base=session.T_world_base,
-                T_world_base_registered=session.T_world_base_registered,
-                cameras=cameras,
-                tick_s=TICK_S,
-            ),
+            scenery=replace(self._scenery, cameras=cameras),
             images=blobs,
             computations=laboratory.log.computations,
             machine_speed=machine_speed(),

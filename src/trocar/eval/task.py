@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -110,6 +110,15 @@ class Task:
     def options(self) -> dict[str, Any]:
         """Return the options as JSON values: what distinguishes one run of this task from another."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    def done_at(self, station: Station) -> Self:
+        """Return the task as it is done at a station, where that determines what is to be done; by default the same.
+
+        Raises:
+            InvalidInput: it cannot be done there.
+        """
+        del station
+        return self
 
     def at(self, station: Station) -> Station:
         """Return the station as this task needs it.

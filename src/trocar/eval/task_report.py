@@ -62,7 +62,7 @@ class TaskReport:
     """Where pictures of a trial are taken from; None: from the front and above."""
 
     colours: Mapping[str, tuple[float, float, float]] = {}
-    """Colours of bodies in pictures for people, by the beginning of their names, if a sensor sees them differently."""
+    """Colours in pictures for people, if a sensor sees them differently, as ``trocar.replay.painted`` takes them."""
 
     parts: tuple[str, ...] = ("capture", "perception", "planning", "motion", "jaw", "settling")
     """Spans that make up the time of a piece, in the order of the tables; the rest is ``other``."""

@@ -170,29 +170,46 @@ class Trial:
             BadFile: there is no such file, or it is not a trial of this version.
         """
         path = Path(path)
-        archive = read_archive(path, FORMAT, VERSION)
-        timing = _timing(timing_file(path))
-        try:
-            log = archive.header
-            trial = Trial(
-                about=_note(log["about"], ABOUT),
-                scores=_notes(log["scores"], SCORE),
-                spans=[Span(**span) for span in log["spans"]],
-                events=_notes(log["events"], EVENT),
-                collisions=_notes(log["collisions"], COLLISION),
-                ended=str(log["ended"]),
-                reason=str(log["reason"]),
-                duration_s=float(log["duration_s"]),
-                command_limit_use={arm: (float(v), float(a)) for arm, (v, a) in log["command_limit_use"].items()},
-                arrays=dict(archive.arrays),
-                scenery=Scenery.of(log["scenery"]),
-                images=archive.blobs,
-                **timing,
-            )
-        except (KeyError, TypeError, ValueError, AttributeError):
-            raise BadFile(path, f"is not a readable {FORMAT}", "run that trial again") from None
+        trial = _trial_of(read_archive(path, FORMAT, VERSION), path)
         _check(trial, path)
         return trial
+
+    @staticmethod
+    def load_noted(path: str | Path) -> Trial:
+        """Return what :meth:`noted` keeps of the trial in a file, reading its header alone.
+
+        Raises:
+            BadFile: there is no such file, or it is not a trial of this version.
+        """
+        path = Path(path)
+        header = read_header(path, FORMAT, VERSION)
+        scenery = header.get("scenery")
+        if isinstance(scenery, dict):
+            header["scenery"] = scenery | {"solids": [], "T_world_body": {}, "arms": {}}
+        return _trial_of(Archive(header), path)
+
+
+def _trial_of(archive: Archive, path: Path) -> Trial:
+    """Return the trial in an archive and beside it; raise a sentence if it is none."""
+    try:
+        log = archive.header
+        return Trial(
+            about=_note(log["about"], ABOUT),
+            scores=_notes(log["scores"], SCORE),
+            spans=[Span(**span) for span in log["spans"]],
+            events=_notes(log["events"], EVENT),
+            collisions=_notes(log["collisions"], COLLISION),
+            ended=str(log["ended"]),
+            reason=str(log["reason"]),
+            duration_s=float(log["duration_s"]),
+            command_limit_use={arm: (float(v), float(a)) for arm, (v, a) in log["command_limit_use"].items()},
+            arrays=dict(archive.arrays),
+            scenery=Scenery.of(log["scenery"]),
+            images=archive.blobs,
+            **_timing(timing_file(path)),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise BadFile(path, f"is not a readable {FORMAT}", "run that trial again") from None
 
 
 def trial_about(path: str | Path) -> dict[str, Any]:

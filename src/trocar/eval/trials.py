@@ -75,7 +75,7 @@ class Trials(Sequence[Trial]):
 
     @cached_property
     def _notes(self) -> list[Trial]:
-        return [trial.noted() for trial in self]
+        return list(map(Trial.load_noted, self.paths))
 
     def only(self, path: str | Path) -> Trials:
         """Return one of the trials alone.
@@ -121,23 +121,38 @@ class Trials(Sequence[Trial]):
         Raises:
             InvalidInput: there are no trials, or they met other sessions.
         """
-        keys = ("task", "station_digest", "seed", "difficulty")
-        where = [{tuple(map(str, map(trial.about.get, keys))) for trial in trials._notes} for trials in (self, other)]
-        if where[0] != where[1] or len(where[0]) != 1:
-            problem = "did not meet the same sessions"
-            raise InvalidInput("these trials", problem, "give both runs the same task, station, difficulty and seed")
+        return compared(self._notes, other._notes)
 
-        def difference(value: Callable[[Trial], float], *, less: bool) -> Difference:
-            return session_difference(self._by_session(value), other._by_session(value), less=less)
 
-        return Comparison(
-            success_rate=difference(lambda t: sum(bool(s["succeeded"]) for s in t.scores) / len(t.scores), less=False),
-            time_s=difference(lambda t: t.duration_s / len(t.scores), less=True),
-            collisions=difference(lambda t: float(len(t.collisions)), less=True),
-        )
+def sessions_met(trials: Sequence[Trial]) -> set[tuple[str, ...]]:
+    """Return what the sessions that trials met are drawn from: those with the same number are the same if this is."""
+    keys = ("task", "station_digest", "seed", "difficulty")
+    return {tuple(map(str, map(trial.about.get, keys))) for trial in trials}
 
-    def _by_session(self, value: Callable[[Trial], float]) -> dict[int, list[float]]:
-        found: dict[int, list[float]] = {}
-        for trial in self._notes:
-            found.setdefault(trial.about["session"], []).append(value(trial))
-        return found
+
+def compared(ours: Sequence[Trial], theirs: Sequence[Trial]) -> Comparison:
+    """Return trials minus others that met the same sessions, with intervals over sessions.
+
+    Raises:
+        InvalidInput: there are no trials, or they met other sessions.
+    """
+    where = [sessions_met(trials) for trials in (ours, theirs)]
+    if where[0] != where[1] or len(where[0]) != 1:
+        problem = "did not meet the same sessions"
+        raise InvalidInput("these trials", problem, "give both runs the same task, station, difficulty and seed")
+
+    def difference(value: Callable[[Trial], float], *, less: bool) -> Difference:
+        return session_difference(_by_session(ours, value), _by_session(theirs, value), less=less)
+
+    return Comparison(
+        success_rate=difference(lambda t: sum(bool(s["succeeded"]) for s in t.scores) / len(t.scores), less=False),
+        time_s=difference(lambda t: t.duration_s / len(t.scores), less=True),
+        collisions=difference(lambda t: float(len(t.collisions)), less=True),
+    )
+
+
+def _by_session(trials: Sequence[Trial], value: Callable[[Trial], float]) -> dict[int, list[float]]:
+    found: dict[int, list[float]] = {}
+    for trial in trials:
+        found.setdefault(trial.about["session"], []).append(value(trial))
+    return found

@@ -56,6 +56,7 @@ class HardwareLaboratory:
     ends a script, the arms come to rest within their limits.
 
     Attributes:
+        station: whose arms they are.
         cell: what scripts are given; bases and cameras where the station has them registered.
         robot: the arms without their guard: emergency stop, faults.
         log: what scripts, guard and loop note.
@@ -85,6 +86,7 @@ class HardwareLaboratory:
         Raises:
             TrocarError: an arm could not be connected.
         """
+        self.station = station
         driven = {name: DrivenArm(arm.model, arm.limits) for name, arm in station.arms.items()}
         clock = WallClock(time.monotonic())
         self.log = CellLog(clock.now_s, listener=listener)

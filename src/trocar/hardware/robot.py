@@ -36,11 +36,12 @@ ALIVE_S = 0.1
 
 @dataclass
 class _Job:
-    """Motions, or jaws, that were asked for in one call."""
+    """Motions, or jaws, that were asked for in one call; motions that take over do so at a tick."""
 
     arms: set[str]
     first: int
     motions: Mapping[str, Trajectory] = field(default_factory=dict)
+    at_tick: int | None = None
     endings: dict[str, Ending] = field(default_factory=dict)
     rows: dict[str, list[tuple[float, ArmReport]]] = field(default_factory=dict)
     refusal: TrocarError | None = None
@@ -122,7 +123,8 @@ class HardwareRobot:
         """Return how late the last tick was."""
         return self._report.late_s
 
-    def _arm(self, name: str) -> ArmReport:
+    def report(self, name: str) -> ArmReport:
+        """Return what the loop last said of an arm."""
         if name not in self._report.arms:
             raise UnknownName("arm", name, self._report.arms)
         return self._report.arms[name]
@@ -133,14 +135,20 @@ class HardwareRobot:
 
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state as last read."""
-        reading = self._arm(arm).reading
+        reading = self.report(arm).reading
         return replace(reading, time_s=self._time_s(reading.time_s))
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return what the arm is commanded: at rest now, in motion where a motion that takes over has to start."""
-        now = self._arm(arm).setpoint
-        busy = any(arm in job.motions and arm in job.arms for job in self._jobs.values())
-        return replace(now, time_s=self._time_s(self._report.clock_s), moving=now.moving or busy)
+        now, time_s = self.report(arm).setpoint, self._time_s(self._report.clock_s)
+        job = next((job for job in reversed(self._jobs.values()) if arm in job.motions and arm in job.arms), None)
+        if job is not None and job.at_tick is not None and job.at_tick >= self._report.tick:
+            # not yet begun: another one that takes over starts from it, or streams would wait for each other
+            ticks = self._report.tick + self.settings.lead_ticks - job.at_tick
+            motion = job.motions[arm]
+            path_s = float(motion.times_s[0] + ticks * self.settings.tick_s)
+            return SetPoint(time_s, motion(path_s), motion(path_s, 1), True, path_s, 1.0)
+        return replace(now, time_s=time_s, moving=now.moving or job is not None)
 
     def remaining(self, arm: str, /) -> tuple[Trajectory, float] | None:
         """Return what an arm is still executing and the clock at its start; None at rest."""
@@ -155,11 +163,11 @@ class HardwareRobot:
 
     def widest_jaw_rad(self, arm: str, /) -> float:
         """Return the widest opening of an arm's jaws from now until they reach their goal."""
-        return max(float(self._arm(arm).sent[6]), self._arm(arm).jaw_goal_rad)
+        return max(float(self.report(arm).sent[6]), self.report(arm).jaw_goal_rad)
 
     def limit_use(self, arm: str) -> tuple[float, float]:
         """Return the largest share of an arm's velocity and acceleration limits used so far."""
-        return self._arm(arm).limit_use
+        return self.report(arm).limit_use
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Run trajectories from rest, all starting at the same tick."""
@@ -176,7 +184,7 @@ class HardwareRobot:
         """Do nothing: trajectories are executed as they are."""
 
     async def _run(self, motions: Mapping[str, Trajectory], at_tick: int | None) -> Mapping[str, MotionResult]:
-        key, job = self._begin(motions, motions)
+        key, job = self._begin(motions, motions, at_tick)
         start_tick = self._report.tick if at_tick is None else at_tick
         began = {name: (motion, start_tick * self.settings.tick_s) for name, motion in motions.items()}
         self._send(Start(key, dict(motions), at_tick))
@@ -196,13 +204,13 @@ class HardwareRobot:
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Ramp the jaws to this opening at their speed; return when they arrived or stall."""
-        before_rad, way_rad = self.read(arm).jaw_rad, abs(angle_rad - float(self._arm(arm).sent[6]))
+        before_rad, way_rad = self.read(arm).jaw_rad, abs(angle_rad - float(self.report(arm).sent[6]))
         key, job = self._begin([arm])
         self._send(Jaw(key, arm, angle_rad))
         try:
             await job.over.wait()
         except trio.Cancelled:
-            self._send(Jaw(next(self._keys), arm, float(self._arm(arm).sent[6])))
+            self._send(Jaw(next(self._keys), arm, float(self.report(arm).sent[6])))
             raise
         if job.endings[arm].ended is MotionEnd.DONE:
             await self._jaws_still(arm, before_rad if way_rad > MOVED_RAD else math.inf)
@@ -226,8 +234,10 @@ class HardwareRobot:
                     return
             await trio.sleep(self.settings.tick_s)
 
-    def _begin(self, arms: Iterable[str], motions: Mapping[str, Trajectory] | None = None) -> tuple[int, _Job]:
-        key, job = next(self._keys), _Job(set(arms), self._row + len(self._rows), dict(motions or {}))
+    def _begin(
+        self, arms: Iterable[str], motions: Mapping[str, Trajectory] | None = None, at_tick: int | None = None
+    ) -> tuple[int, _Job]:
+        key, job = next(self._keys), _Job(set(arms), self._row + len(self._rows), dict(motions or {}), at_tick)
         self._jobs[key] = job
         return key, job
 
@@ -243,7 +253,7 @@ class HardwareRobot:
     def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest on their paths; their jaws stop too."""
         for name in arms:
-            self._arm(name)
+            self.report(name)
         self._stop(arms, MotionEnd.HELD, reason)
 
     def fault(self, *arms: str, reason: TrocarError | str) -> None:

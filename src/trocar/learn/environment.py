@@ -20,7 +20,7 @@ from trocar.eval.method import objects_of
 from trocar.eval.prepare import Prepared, prepare
 from trocar.eval.run import compensated
 from trocar.eval.scenery import Scenery
-from trocar.eval.staged import StagedTrial
+from trocar.eval.staged import StagedTrial, scenery_of
 from trocar.eval.task import TASKS, Task
 from trocar.learn.control import (
     IMAGES,
@@ -39,7 +39,6 @@ from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.offscreen import OffscreenCamera, handled
 from trocar.sim.pace import Stepping
-from trocar.sim.record import fixed_poses, solids_of
 from trocar.sim.world import PhysicsError
 
 REFEREE_S = 1.0
@@ -303,11 +302,9 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         """Return a picture (height, width, 3), or show the cell on its page; people alone get this view."""
         if self.render_mode is None:
             raise InvalidInput("render()", "has no mode", "make the environment with render_mode='rgb_array'")
-        laboratory, session = self._laboratory, self._laboratory.session
+        laboratory = self._laboratory
         if self._scenery is None:
-            solids, fixed = solids_of(laboratory.world), fixed_poses(laboratory.world)
-            bases = session.T_world_base, session.T_world_base_registered
-            self._scenery = Scenery(solids, fixed, session.models, *bases, {}, TICK_S)
+            self._scenery = scenery_of(laboratory)
         now_s, arrays = laboratory.now_s(), laboratory.recorder.arrays(-1)
         if self.render_mode == "human":
             self._show(now_s, arrays)

@@ -12,11 +12,11 @@ from scipy.interpolate import interp1d
 
 from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
+from trocar.eval.turns import turn_at, turns_of
 from trocar.geometry import SE3
 from trocar.learn import control
 from trocar.learn.observed import NOTED, PREFIX
 from trocar.learn.poses import action_names, state_names, vectors
-from trocar.report.timechart import turn_at, turns_of
 
 FPS = 30
 IMAGES, OBJECTS = "observation.images.", "observation.environment_state"

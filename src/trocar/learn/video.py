@@ -13,8 +13,8 @@ from PIL import Image
 
 from trocar.errors import InvalidInput
 from trocar.files.output import replacing
+from trocar.files.video import mp4
 
-CODEC, PIXELS = "h264", "yuv420p"
 OPTIONS = {"preset": "ultrafast", "crf": "23", "g": "30"}
 """Images stand still for a second: smaller files cost three times the work."""
 THINNED = 8
@@ -35,23 +35,17 @@ def write_video(
         fps: frames per second.
         size: (height, width) in pixels.
     """
-    import av
-
     shown = np.searchsorted([at_s for at_s, _ in taken], np.arange(frames) / fps + 1e-9, side="right") - 1
-    height, width = size
-    sums = _Sums()
-    with replacing(path) as draft, av.open(str(draft), "w", format="mp4") as file:
-        stream = file.add_stream("libx264", rate=fps, options=OPTIONS)
-        stream.height, stream.width, stream.pix_fmt, stream.thread_count = height, width, PIXELS, 1
-        last, frame = None, None
-        for number, image in enumerate(shown.tolist()):
-            if frame is None or image != last:
-                pixels = np.zeros((height, width, 3), np.uint8) if image < 0 else opened(taken[image][1], size)
-                frame, last = av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format=PIXELS), image
-                sums.add(pixels[::THINNED, ::THINNED].reshape(-1, 3), int((shown == image).sum()))
-            frame.pts = number
-            file.mux(stream.encode(frame))
-        file.mux(stream.encode())
+    sums, last = _Sums(), None
+    with replacing(path) as draft, mp4(draft, size, fps, OPTIONS) as add:
+        for image in shown.tolist():
+            if image == last:
+                add(None)
+                continue
+            pixels = np.zeros((*size, 3), np.uint8) if image < 0 else opened(taken[image][1], size)
+            add(pixels)
+            sums.add(pixels[::THINNED, ::THINNED].reshape(-1, 3), int((shown == image).sum()))
+            last = image
     return sums.statistics(frames)
 
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, fk
 from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
+from trocar.eval.turns import turn_at, turns_of
 from trocar.extras import how_to_install
 from trocar.files.output import MADE_BY, make_folder, mark_of, write_table, writing
 from trocar.geometry import SE3
-from trocar.report.timechart import turn_at, turns_of
 
 Kind = Literal["text", "integer", "number", "truth"]
 

@@ -13,7 +13,7 @@ from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.files.output import make_folder, write_json
 from trocar.registry import Lazy
-from trocar.replay import painted
+from trocar.replay import Replay, painted
 from trocar.report.page import Captioned
 from trocar.report.run_page import command_of, place_of, write_page
 from trocar.report.stills import (
@@ -68,9 +68,7 @@ def write_report(
     if find_spec("viser") is not None:
         from trocar.view.replay import write_replay  # an extra
 
-        replay = first.replay()
-        shown_as = replace(replay, solids=painted(replay.solids, report.colours))
-        files.append(write_replay(shown_as, folder / "replay.html"))
+        files.append(write_replay(shown_replay(first, report), folder / "replay.html"))
     page = write_page(
         folder / "report.html",
         summary,
@@ -86,6 +84,12 @@ def write_report(
     )
     drawn = [shown.path for shown in (*storyboard, *([timechart] if timechart else []), *failed_pictures)]
     return summary, [*files, *drawn, page]
+
+
+def shown_replay(trial: Trial, report: TaskReport) -> Replay:
+    """Return a trial's replay, its bodies in the colours that its task has for people."""
+    replay = trial.replay()
+    return replace(replay, solids=painted(replay.solids, report.colours))
 
 
 def kept_pictures(folder: str | Path) -> list[str]:

@@ -88,7 +88,7 @@ def write_page(
     links = "".join(f'<a href="#{name}">{escape(head)}</a>' for name, (head, _) in made.items())
     parts = [
         f"<nav aria-label=Contents>{links}</nav>",
-        _headline(summary),
+        headline_cards(summary),
         *(paragraph(sentence, "warning") for sentence in [*strange, *_warnings(summary)]),
         *(html for _, html in made.values()),
     ]
@@ -101,7 +101,7 @@ def write_page(
     return write_text(path, document(f"{title[:1].upper()}{title[1:]}", sub, parts), "report")
 
 
-def _headline(summary: Mapping[str, Any]) -> str:
+def headline_cards(summary: Mapping[str, Any]) -> str:
     """Return cards with success and its interval, time, collisions, complete trials."""
     noun, whole, mean_s = summary["goal_noun"], summary["completion_time_s"], summary["mean_time_s"]
     low, high = summary["success_ci95"]

@@ -1,8 +1,8 @@
-"""Images of trials: the storyboard, a video, a still of each goal that was not reached."""
+"""Images of trials: the storyboard, a still of each goal that was not reached."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import chain, groupby, zip_longest
@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from trocar.errors import InvalidInput
 from trocar.eval import TaskReport, in_words
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
-from trocar.files.output import PICTURE, mark_of, writing
 from trocar.report import style
 from trocar.report.page import Captioned
 from trocar.report.tables import reason_of
@@ -27,9 +25,7 @@ if TYPE_CHECKING:
 
 MAX_PICTURES = 12  # of a storyboard; more are thinned out evenly, keeping the first and last
 LARGEST_PX = 400  # a picture of a storyboard is reduced to at most this width
-FRAMES_PER_S, SPEED = 12, 4.0  # of a video; seconds of the trial per second of it
-MAX_S = 15.0  # a longer video is cut: it is an illustration, not a record
-SCALE, QUALITY = 0.75, 60  # of a video's frames and of failed goals: of 640 pixels; and WebP's
+SCALE, QUALITY = 0.75, 60  # of pictures of failed goals: of 640 pixels; and WebP's
 MOST_FAILED = 12  # failed goals with a picture; the page says how many more there are
 
 
@@ -76,27 +72,6 @@ def draw_storyboard(
             axes.imshow(image[::thin, ::thin], interpolation="antialiased")
             axes.set_title(f"{number}  {caption}", fontsize=8, fontweight="normal", color=style.INK)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10, fontweight="bold")
-    return path
-
-
-def draw_video(trial: Trial, path: str | Path, report: TaskReport, tick: Callable[[int, int], None]) -> Path:
-    """Write an animated WebP of a trial at four times its speed, and return its path.
-
-    ``tick`` is called with the number of each frame and how many there are.
-
-    Raises:
-        TrocarError: the simulator, which draws the pictures, is not installed.
-    """
-    path = Path(path)
-    photographer = photographer_of(trial, report, SCALE)
-    times = np.arange(0.0, min(trial.duration_s, MAX_S * SPEED), SPEED / FRAMES_PER_S)
-    frames = []
-    for number, time_s in enumerate(times.tolist(), start=1):
-        frames.append(Image.fromarray(photographer.picture(time_s)))
-        tick(number, len(times))
-    how = {"duration": round(1e3 / FRAMES_PER_S), "loop": 0, "quality": QUALITY, "method": 4}
-    with writing(path, PICTURE) as draft:
-        frames[0].save(draft, xmp=mark_of(PICTURE).encode(), save_all=True, append_images=frames[1:], **how)
     return path
 
 

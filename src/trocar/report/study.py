@@ -63,9 +63,10 @@ def write_study(
         "<code>trocar view</code></li>"
         for one in (cell["folder"] for cell in summary["cells"])
     )
+    browse = "<p>Their failures, and any two side by side: <code>trocar open</code> with this folder.</p>"
     captions = [study.captions[drawn.name] for drawn in pictures]
     parts += [picture(Captioned(one, f"Chart: {said}", said)) for one, said in zip(pictures, captions, strict=True)]
-    parts += [section("notes", "Noted", bullets(notes)), section("runs", "Runs", f"<ul>{links}</ul>")]
+    parts += [section("notes", "Noted", bullets(notes)), section("runs", "Runs", f"<ul>{links}</ul>", browse)]
     about = [study.about(summary), "Research use only, not a medical device."]
     page = write_text(folder / "report.html", document(f"Study: {name.replace('-', ' ')}", about, parts), "report")
     return summary, tables, notes, [path, *pictures, page]

@@ -18,6 +18,7 @@ from trocar.errors import ArmMoving, ArmStopped, OutOfReach, TrocarError
 from trocar.log import timed
 from trocar.motion.following import step_towards
 from trocar.robots.guarded import START_TOLERANCE, start_mismatch
+from trocar.robots.supervised import Supervised
 from trocar.trajectory import Trajectory
 
 CLIPPED = 5e-3
@@ -127,7 +128,8 @@ class Compensated:
     def expected(self, arm: str) -> Trajectory | None:
         """Return the motion of a compensated arm's joints while it plays its commands, on their time; None: unknown."""
         path = self._paths.get(arm)
-        return None if path is None else path.desired
+        another = isinstance(self.robot, Supervised) and self.robot.plays_another(arm)
+        return None if path is None or another else path.desired
 
     def _estimated(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
         """Return where (6,) the model estimates the joints to be; evaluated only once while the arm is at rest."""

@@ -123,7 +123,7 @@ class SimLaboratory:
         self._observe()
         self._nursery: trio.Nursery | None = None
         self._watchdog: Watchdog | None = None
-        self._ticking = False
+        self._turning = False
 
     def now_s(self) -> float:
         """Return the cell's clock."""
@@ -173,7 +173,7 @@ class SimLaboratory:
         """
         clock, ended = MockClock(), False
         repeat_scheduling()
-        with Watchdog(self.now_s, lambda: self._nursery is not None and not self._ticking) as self._watchdog:
+        with Watchdog(self.now_s, lambda: self._nursery is not None and not self._turning) as self._watchdog:
             try:
                 ended = trio.run(self._run, script, budget_s, pace, clock, clock=clock)
             except BaseException as error:
@@ -193,6 +193,11 @@ class SimLaboratory:
         if self._nursery is None:
             raise RuntimeError("a script can be started only while the cell runs")
         self._nursery.start_soon(script, self.cell)
+
+    @property
+    def interrupted(self) -> bool:
+        """Return whether Ctrl-C was pressed while the cell runs; it ends at its next tick."""
+        return self._watchdog is not None and self._watchdog.asked
 
     def end(self) -> None:
         """Cancel all scripts that run; the arms come to rest."""
@@ -225,14 +230,14 @@ class SimLaboratory:
         try:
             while True:
                 await wait_all_tasks_blocked()
+                self._turning = True
                 if pace is not None:
                     await pace.wait(self.now_s())
                 if self._watchdog is not None and self._watchdog.asked and self._nursery is not None:
                     self._nursery.cancel_scope.cancel()
                     latest_s = min(latest_s, clock.current_time() + GRACE_S)
-                self._ticking = True
                 self.tick()
-                self._ticking = False
+                self._turning = False
                 shielded = self._nursery is not None and clock.current_time() > latest_s
                 clock.jump(HURRY_S if shielded else TICK_S)
         except Exception as error:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3, SO3
 from trocar.lab import SensorFlaws
 from trocar.perception.image import Intrinsics
-from trocar.replay import Replay, Solid, Viewpoint
+from trocar.replay import Replay, Solid, Viewpoint, painted
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
 from trocar.sim.spec import INTANGIBLE, SHAPES, digits, placed
@@ -46,7 +46,7 @@ class OffscreenCamera:
     Args:
         replay: to be drawn.
         view: viewpoint; None: from the front and above.
-        colours: of bodies, in place of their own, by the beginning of their names.
+        colours: in place of their own, as ``trocar.replay.painted`` takes them.
         scale: of the picture's width of 640 pixels.
         frame_m: (n, 3) points in the world that fill the picture; None: what moves.
     """
@@ -148,19 +148,16 @@ def _spec(replay: Replay, colours: Mapping[str, tuple[float, float, float]]) -> 
             bodies[name].add_freejoint()
         else:
             bodies[name] = spec.worldbody.add_body(name=f"fixed {name}", **placed(T))
-    for solid in replay.solids:
+    for solid in painted(replay.solids, colours):
         if solid.body in bodies:
-            rgb = next((rgb for prefix, rgb in colours.items() if solid.body.startswith(prefix)), solid.rgba[:3])
-            _add_solid(spec, bodies[solid.body], solid, rgb, hulls)
+            _add_solid(spec, bodies[solid.body], solid, hulls)
     plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": (2, 2, 0.01), "rgba": (*TABLE_RGB, 1)}
     spec.worldbody.add_geom(pos=digits((0, 0, _floor_m(replay) - BELOW_M)), **plane)
     return spec
 
 
-def _add_solid(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, rgb: tuple[float, ...], hulls: dict[bytes, str]
-) -> None:
-    look = {"rgba": (*rgb, solid.rgba[3]), **INTANGIBLE}
+def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, hulls: dict[bytes, str]) -> None:
+    look = {"rgba": solid.rgba, **INTANGIBLE}
     if solid.shape != "hull":
         size = (*digits(solid.size_m), 0, 0)[:3]
         body.add_geom(type=SHAPES[solid.shape], size=size, **placed(solid.T_body_solid), **look)

@@ -7,43 +7,46 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from trocar.geometry import SE3
 from trocar.replay import Contact, Replay
 from trocar.view.film import shoot
-from trocar.view.mesh import solid_mesh
-from trocar.view.panels import WINDOW_S, Joints, JointsPanel, reduced
-from trocar.view.replay import NOTICE
-from trocar.view.server import close_server, open_server
+from trocar.view.panels import WINDOW_S, Joints, JointsPanel, LiveTimeLine, Span, reduced, with_outlines
+from trocar.view.replay import notice
+from trocar.view.server import close_server, open_panel, open_server
 from trocar.view.stage import (
     BOLD_PX,
     CONTACT,
-    DRIVEN,
     MIN_S,
-    PLANNED,
+    THIN_PX,
     Bodies,
     Rgb,
+    above_tips_m,
+    add_arm_label,
     add_contact,
     add_line,
+    arm_colours,
     css,
-    light,
-    look_from,
     said_of,
     segments,
+    set_up,
 )
-from trocar.view.trial_view import PANEL_PX, PANELS_PER_S, in_words
-from trocar.view.viewpoint import viewpoint
+from trocar.view.trial_view import PANELS_PER_S, in_words
+from trocar.view.viewpoint import BESIDE_PANEL, Viewpoint, viewpoint
 
 TRAIL_S = 2.0
 """So much of a tip's path is drawn."""
 KEPT_EVENTS, BALLS = 12, 50
-PICTURES = 2
-"""Place of the cameras in the panel, below clock and arms."""
-TABLE: Rgb = (178, 184, 192)
+STEPS, PICTURES, EVENTS, JOINTS, LAST = range(2, 7)
+"""Places in the panel, below clock and arms."""
+RATE_S = 2.0
+"""The clock's rate is that of this time."""
 GOOD: Rgb = (24, 132, 74)
 WAITS: Rgb = (176, 108, 0)
 BAD: Rgb = (190, 40, 40)
@@ -87,6 +90,9 @@ class Moment:
         clock: what is said about the clock.
         events: dicts with ``name`` and ``time_s``, since the moment before.
         contacts: likewise.
+        spans: of the scripts, that have ended since the moment before.
+        begun: spans that have not ended: arm, name and start in s.
+        made_s: when it was that moment, on the machine's monotonic clock.
     """
 
     time_s: float
@@ -95,6 +101,25 @@ class Moment:
     clock: str = ""
     events: tuple[Mapping[str, object], ...] = ()
     contacts: tuple[Contact, ...] = ()
+    spans: tuple[Span, ...] = ()
+    begun: tuple[tuple[str, str, float], ...] = ()
+    made_s: float = field(default_factory=time.monotonic)
+
+
+class Picture(NamedTuple):
+    """An image of a camera.
+
+    Attributes:
+        camera: name.
+        color: (h, w, 3).
+        said: about it.
+        outlines_px: a closed line (n, 2) about each thing that perception found in it, in pixels, by what it is.
+    """
+
+    camera: str
+    color: NDArray[np.uint8]
+    said: str
+    outlines_px: Mapping[str, NDArray[np.float64]] = MappingProxyType({})
 
 
 class LiveView:
@@ -118,17 +143,18 @@ class LiveView:
         self._rows: deque[Moment] = deque()
         self._said: deque[str] = deque(maxlen=KEPT_EVENTS)
         self._due_s = 0.0
+        self._clock: deque[tuple[float, float]] = deque()  # of the wall, of the cell
         replay = self._replay([moment])
         film = shoot(replay)
-        view = viewpoint(replay, film, live=True)
+        view = viewpoint(replay, film, BESIDE_PANEL, live=True)
         self._moving, self._radius_m = film.bodies, 0.035 * view.radius_m
         self.server = open_server(port)
         with self.server.atomic():
-            look_from(self.server, view)
-            light(self.server.scene, view)
-            self._lay_table(replay)
+            set_up(self.server, replay, film, view, live=True)
             self._bodies = Bodies(self.server.scene, replay, film)
-            self._tips = [Tip(self.server.scene, arm, replay, 0.4 * view.radius_m) for arm in replay.tools]
+            self._tips = [
+                Tip(self.server.scene, arm, colour, replay, view) for arm, colour in arm_colours(replay).items()
+            ]
             self._balls: list[tuple[Any, float]] = []
             self._touches = 0
             self._add_panels(replay)
@@ -153,13 +179,15 @@ class LiveView:
             self._note(float(event["time_s"]), in_words(event))  # type: ignore[arg-type]
         for touch in moment.contacts:
             self._note(touch.time_s, f"contact: {said_of(touch)}")
+        self._time_line.add(moment.spans)
+        self._clock.append((moment.made_s, moment.time_s))
+        while self._clock[0][0] < moment.made_s - RATE_S and len(self._clock) > 2:
+            self._clock.popleft()
         replay = self._replay([moment])
         with self.server.atomic():
-            poses = [replay.T_world_body[body] for body in self._moving]
-            self._bodies.place(
-                np.array([T.translation_m[0] for T in poses], dtype=np.float32).reshape(-1, 3),
-                np.array([T.rotation.as_quaternion()[0] for T in poses], dtype=np.float32).reshape(-1, 4),
-            )
+            poses = SE3.unchecked(np.array([replay.T_world_body[b].matrix[0] for b in self._moving]).reshape(-1, 4, 4))
+            turns = poses.rotation.as_quaternion()
+            self._bodies.place(poses.translation_m.astype(np.float32), turns.astype(np.float32))
             for tip in self._tips:
                 tip.show(replay, moment)
             self._show_contacts(moment)
@@ -167,16 +195,36 @@ class LiveView:
                 self._due_s = time.monotonic() + 1.0 / PANELS_PER_S
                 self._show_panels(moment)
 
-    def show_image(self, camera: str, color: NDArray[np.uint8], said: str) -> None:
-        """Show an image (h, w, 3) of a camera, with what is said about it."""
-        shown = self._cameras.get(camera)
+    def begin(self, scene: Scene) -> None:
+        """Show another scene of the same bodies from now on, whose clock begins anew."""
+        self._scene = scene
+        self._rows.clear()
+        self._said.clear()
+        self._clock.clear()
+        self._time_line.clear()
+        for ball, _ in self._balls:
+            ball.remove()
+        self._balls.clear()
+        for tip in self._tips:
+            tip.forget()
+
+    def show_image(self, picture: Picture) -> None:
+        """Show an image of a camera, with what is said about it, and what was found in it."""
+        shown = self._cameras.get(picture.camera)
         if shown is None:
-            with self.server.gui.add_folder(f"Camera: {camera}", order=PICTURES):
+            with self.server.gui.add_folder(f"Camera: {picture.camera}", order=PICTURES):
                 words = self.server.gui.add_markdown("")
-                picture = self.server.gui.add_image(np.full((9, 16, 3), 235, np.uint8), format="jpeg")
-            shown = self._cameras[camera] = words, picture
-        words, picture = shown
-        words.content, picture.image = said, reduced(Image.fromarray(color))
+                image = self.server.gui.add_image(np.full((9, 16, 3), 235, np.uint8), format="jpeg")
+            shown = self._cameras[picture.camera] = words, image
+        words, image = shown
+        words.content = picture.said
+        image.image = reduced(Image.fromarray(with_outlines(picture.color, picture.outlines_px)))
+
+    @property
+    def rate(self) -> float:
+        """Return the seconds of the cell's clock in a second of the wall clock, lately."""
+        (began_s, from_s), (now_s, to_s) = self._clock[0], self._clock[-1]
+        return (to_s - from_s) / max(now_s - began_s, 1e-3)
 
     def close(self) -> None:
         """Stop serving."""
@@ -201,36 +249,19 @@ class LiveView:
                 ball.remove()
         self._balls = [(ball, end_s) for ball, end_s in self._balls if end_s > moment.time_s]
 
-    def _lay_table(self, replay: Replay) -> None:
-        """Lay a table below what never moves, if there is anything."""
-        fixed = [solid for solid in replay.solids if solid.body not in self._moving]
-        corners = [
-            (replay.T_world_body[solid.body] @ solid.T_body_solid).apply(
-                solid_mesh(solid).vertices_m.astype(np.float64)
-            )
-            for solid in fixed
-        ]
-        if corners:
-            low, high = np.concatenate(corners).min(0), np.concatenate(corners).max(0)
-            width, depth = 2.2 * (high - low)[:2]
-            look: dict[str, Any] = {"cell_thickness": 0.0, "section_thickness": 0.0, "shadow_opacity": 0.25}
-            look |= {"plane_color": TABLE, "plane_opacity": 1.0}
-            middle = (*((low + high) / 2)[:2].tolist(), float(low[2]))
-            self.server.scene.add_grid("/table", width, depth, position=middle, **look)
-
     def _add_panels(self, replay: Replay) -> None:
         gui = self.server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False)
-        gui.set_panel_label(self._title)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(PANEL_PX)
-        gui.add_markdown(f"*{NOTICE}*", order=0)
+        open_panel(self.server, self._title, notice(replay))
+        self._legend = legend(replay)
         self._state = gui.add_html("", order=1)
         self._cameras: dict[str, tuple[Any, Any]] = {}
-        with gui.add_folder("Events", order=PICTURES + 1):
+        self._steps = gui.add_folder("Steps", order=STEPS, visible=False)
+        with self._steps:
+            self._time_line = LiveTimeLine(gui)
+        with gui.add_folder("Events", order=EVENTS):
             self._events = gui.add_html("")
         self._joints: dict[str, JointsPanel] = {}
-        with gui.add_folder("Joints", order=PICTURES + 2):
+        with gui.add_folder("Joints", order=JOINTS):
             tabs = gui.add_tab_group()
             for arm in replay.tools:
                 joints = Joints.of(replay, arm)
@@ -239,8 +270,11 @@ class LiveView:
                         self._joints[arm] = JointsPanel(gui, joints, ahead_s=0.0)
 
     def _show_panels(self, moment: Moment) -> None:
-        cards = [card(tip.arm, moment.arms[tip.arm], tip.off_m) for tip in self._tips if tip.arm in moment.arms]
-        self._state.content = box(f"<b>{moment.time_s:.1f} s</b> &ensp; {escape(moment.clock)}{LEGEND}{''.join(cards)}")
+        cards = [card(tip, moment.arms[tip.arm]) for tip in self._tips if tip.arm in moment.arms]
+        clock = f"<b>{moment.time_s:.1f} s</b> &ensp; {self.rate:.2f} x real time &ensp; {escape(moment.clock)}"
+        self._state.content = box(f"{clock}{self._legend}{''.join(cards)}")
+        self._steps.visible |= bool(moment.begun)
+        self._time_line.show(moment.time_s, moment.begun)
         self._events.content = box("<br>".join(self._said) or "none so far")
         replay = self._replay(list(self._rows))
         for arm, panel in self._joints.items():
@@ -254,23 +288,28 @@ class Tip:
 
     Attributes:
         arm: name.
+        colour: of the arm.
         off_m: between the two places.
     """
 
-    def __init__(self, scene: Any, arm: str, replay: Replay, above_m: float) -> None:
-        self.arm, self.off_m = arm, 0.0
-        self._above_m = np.array([0.0, 0.0, above_m])
+    def __init__(self, scene: Any, arm: str, colour: Rgb, replay: Replay, view: Viewpoint) -> None:
+        self.arm, self.colour, self.off_m = arm, colour, 0.0
+        self._above_m = above_tips_m(replay, view)[arm]
         self._points: deque[tuple[float, NDArray[np.float32]]] = deque()
         self._points.append((-np.inf, self._places(replay)))
         start = np.stack([self._points[0][1]] * 2)
         self._lines = [
-            add_line(scene, f"/paths/{arm} {kind}", start[:, k], colour, BOLD_PX)
-            for k, (kind, colour) in enumerate((("by its encoders", PLANNED), ("true", DRIVEN)))
+            add_line(scene, f"/paths/{arm} {kind}", start[:, k], colour, width)
+            for k, (kind, width) in enumerate((("by its encoders", THIN_PX), ("true", BOLD_PX)))
         ]
         self._dot = scene.add_icosphere(
-            f"/paths/{arm} by its encoders, now", DOT_M, color=PLANNED, opacity=0.9, cast_shadow=False
+            f"/paths/{arm} by its encoders, now", DOT_M, color=colour, opacity=0.9, cast_shadow=False
         )
-        self._label = scene.add_label(f"/arms/{arm}", arm, anchor="bottom-center", font_screen_scale=1.2)
+        self._label = add_arm_label(scene, arm, self._points[0][1][1] + self._above_m)
+
+    def forget(self) -> None:
+        """Forget where the tip has been."""
+        self._points = deque([(-np.inf, self._points[-1][1])])
 
     def show(self, replay: Replay, moment: Moment) -> None:
         """Draw a moment."""
@@ -283,8 +322,10 @@ class Tip:
         for k, line in enumerate(self._lines):
             line.points = segments(trail[:, k])
         self._dot.position, self._label.position = places[0], places[1] + self._above_m
-        facts = moment.arms.get(self.arm)
-        self._label.text = self.arm if facts is None else f"{self.arm}: {facts.state}"
+        doing = [name for arm, name, _ in moment.begun if arm == self.arm][-1:]  # the innermost
+        if self.arm in moment.arms:
+            doing.append(moment.arms[self.arm].state)
+        self._label.text = f"{self.arm}: {', '.join(doing)}" if doing else self.arm
 
     def _places(self, replay: Replay) -> NDArray[np.float32]:
         """Return the tip by the encoders, and the true one (2, 3)."""
@@ -300,30 +341,41 @@ def box(html: str) -> str:
     return f'<div style="font-size:13px;line-height:1.55;padding:2px 14px;overflow-wrap:anywhere">{html}</div>'
 
 
-def card(arm: str, found: ArmFacts, off_m: float) -> str:
+def card(tip: Tip, found: ArmFacts) -> str:
     """Return what is told about an arm."""
     badge = (
         f'<span style="background:{css(STATES.get(found.state, BAD))};color:#fff;border-radius:4px;padding:1px 7px;'
         f'font-size:12px">{escape(found.state)}</span>'
     )
-    facts = {"tip": f"{1e3 * off_m:.1f} mm from where its encoders say it is", **found.facts}
-    rows = "".join(
-        f'<div style="display:flex"><span style="flex:0 0 110px;color:#6b7078">{escape(name)}</span>'
+    facts = {"tip": f"{1e3 * tip.off_m:.1f} mm from where its encoders say it is", **found.facts}
+    name = f"{line(tip.colour, 4)}<b>{escape(tip.arm)}</b>"
+    head = f'<div style="margin-bottom:2px">{name} &ensp;{badge}&ensp; {escape(found.more)}</div>'
+    style = "border:1px solid #d9dce0;border-radius:6px;padding:6px 10px;margin-top:8px"
+    return f'<div style="{style}">{head}{table(facts)}</div>'
+
+
+def table(facts: Mapping[str, str], width_px: int = 110) -> str:
+    """Return texts beside their headings, of this width."""
+    return "".join(
+        f'<div style="display:flex"><span style="flex:0 0 {width_px}px;color:#6b7078">{escape(name)}</span>'
         f"<span>{escape(text)}</span></div>"
         for name, text in facts.items()
     )
-    head = f'<div style="margin-bottom:2px"><b>{escape(arm)}</b> &ensp;{badge}&ensp; {escape(found.more)}</div>'
-    return f'<div style="border:1px solid #d9dce0;border-radius:6px;padding:6px 10px;margin-top:8px">{head}{rows}</div>'
 
 
-def _entry(colour: Rgb, name: str) -> str:
+def line(colour: Rgb, width_px: int) -> str:
+    """Return a short line, as the scene draws it."""
     return (
-        f'<span style="display:inline-block;width:18px;height:4px;margin:0 6px 3px 0;vertical-align:middle;'
-        f'background:{css(colour)}"></span>{name} &ensp;'
+        f'<span style="display:inline-block;width:18px;height:{width_px}px;margin:0 6px 3px 0;vertical-align:middle;'
+        f'background:{css(colour)}"></span>'
     )
 
 
-LEGEND = (
-    f'<div style="font-size:12px;color:#59606a">{_entry(DRIVEN, "tip, true")}'
-    f"{_entry(PLANNED, 'tip, by its encoders')}{_entry(CONTACT, 'contact')}</div>"
-)
+INK: Rgb = (89, 96, 106)
+
+
+def legend(replay: Replay) -> str:
+    """Return what the lines of the scene are; where nobody knows the true joints, there is no line of them."""
+    true = f"{line(INK, 4)}tip, true &ensp;" if any("true" in kinds for kinds in replay.joints.values()) else ""
+    others = f"{line(INK, 1)}tip, by its encoders &ensp;{line(CONTACT, 8)}contact"
+    return f'<div style="font-size:12px;color:{css(INK)}">{true}{others}</div>'

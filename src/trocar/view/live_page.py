@@ -9,16 +9,18 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
+from queue import SimpleQueue
+from threading import Lock, Thread
 from types import TracebackType
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from trocar.errors import MachineError
-from trocar.view.live import LiveView, Moment, Scene
+from trocar.view.live import LiveView, Moment, Picture, Scene
 
-NICE = 19
-"""Added to the process's niceness: where cores are few, the arms come first."""
+NICE, NICE_HEARD = 19, 5
+"""Added to the process's niceness: where cores are few, the arms come first; of a page on which something can be said,
+less so. Beside a browser that draws without a graphics card, the process got too little time to pass on a stop."""
 PAUSE_S = 0.02
 """It looks so often for the next moment. If it waited for it instead, it would be woken, and take the core, in the
 middle of the tick of whoever sends it: that cost 10 ms on a busy machine."""
@@ -31,8 +33,18 @@ IDLE_S = 0.5
 LOOK_S = 0.1
 """So often it looks for images."""
 
-Images = Callable[[], Iterable[tuple[str, NDArray[np.uint8], str]]]
-"""Returns what has come since the last call: camera, image (h, w, 3), what is said about it."""
+Say = Callable[[Any], None]
+"""Sends what a person says on the page to whoever runs the cell; from any thread."""
+Open = Callable[[Scene, str, Moment, int, Say], LiveView]
+"""Opens a page."""
+Images = Callable[[], Iterable[Picture]]
+"""Returns what has come since the last call."""
+
+
+def silent(scene: Scene, title: str, moment: Moment, port: int, say: Say) -> LiveView:
+    """Open a page on which nothing can be said."""
+    del say
+    return LiveView(scene, title, moment, port)
 
 
 class LivePage:
@@ -44,9 +56,11 @@ class LivePage:
         moment: the first one.
         port: as ``LiveView`` takes it.
         listen: begins to listen for images, in the process, once a browser has opened the page; None: there are none.
+        opens: opens it, in the process.
 
     Attributes:
         port: that it got.
+        ended: whether its process was found to have ended.
     """
 
     def __init__(
@@ -56,12 +70,16 @@ class LivePage:
         moment: Moment,
         port: int = 8080,
         listen: Callable[[], Images] | None = None,
+        opens: Open = silent,
     ):
         spawn = get_context("spawn")
         self._pipe, self._theirs = spawn.Pipe()
-        given = (scene, title, moment, port, listen, self._theirs)
+        given = (scene, title, moment, port, listen, opens, self._theirs)
         self._process = spawn.Process(target=show_for_ever, args=given, daemon=True)
-        self._waits, self.port = False, 0
+        self._packed: SimpleQueue[memoryview | None] = SimpleQueue()
+        self._sender = Thread(target=self._send, daemon=True)
+        self._waits, self.port, self.ended = False, 0, False
+        self._said: list[Any] = []
 
     def __enter__(self) -> LivePage:
         self._process.start()
@@ -73,11 +91,16 @@ class LivePage:
             pass
         if not self._waits:
             raise MachineError("the process that shows the page has ended, or did not start")
+        self._sender.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self._packed.put(None)
+        self._sender.join(END_S)
+        if self._sender.is_alive():
+            self._process.kill()  # it reads no more
         self._pipe.close()
         self._process.join(END_S)
         self._process.kill()
@@ -85,45 +108,75 @@ class LivePage:
     @property
     def waits(self) -> bool:
         """Return whether it has shown the last moment; never again once its process has ended."""
+        self._listen()
+        return self._waits
+
+    def said(self) -> list[Any]:
+        """Return what was said on the page since this was called last."""
+        self._listen()
+        said, self._said = self._said, []
+        return said
+
+    def _listen(self) -> None:
         try:
             while self._pipe.poll():
-                self._waits = self._pipe.recv()
+                answer = self._pipe.recv()
+                if answer is True:
+                    self._waits = True
+                else:
+                    self._said.append(answer)
         except (EOFError, OSError):
-            self._waits = False
-        return self._waits
+            self._waits, self.ended = False, True
 
     def show(self, moment: Moment) -> None:
         """Show a moment; only when it waits for one, so that no more than one is ever under way."""
         self._waits = False
-        with suppress(OSError):  # it has ended
-            self._pipe.send(moment)
+        self._packed.put(ForkingPickler.dumps(moment))  # as it is now
+
+    def _send(self) -> None:
+        """Send what was packed; one with an image does not fit into the pipe, and waits until the process reads it."""
+        while (packed := self._packed.get()) is not None:
+            with suppress(OSError):  # it has ended
+                self._pipe.send_bytes(packed)
 
 
 def show_for_ever(
-    scene: Scene, title: str, moment: Moment, port: int, listen: Callable[[], Images] | None, pipe: Connection
+    scene: Scene,
+    title: str,
+    moment: Moment,
+    port: int,
+    listen: Callable[[], Images] | None,
+    opens: Open,
+    pipe: Connection,
 ) -> None:
     """Show moments until the other end has gone; each is answered with True, the start with the port."""
+    lock = Lock()
+
+    def say(what: object) -> None:
+        with lock, suppress(OSError):  # the other end has gone
+            pipe.send(what)
+
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends with its parent
-    view = LiveView(scene, title, moment, port)
-    os.nice(NICE)
+    view = opens(scene, title, moment, port, say)
+    os.nice(NICE if opens is silent else NICE_HEARD)
     images: Images | None = None
     look_s = 0.0
     try:
-        pipe.send(view.port)
+        say(view.port)
         while True:
             while not pipe.poll():
                 time.sleep(PAUSE_S)
             view.show(pipe.recv())
             if not view.watched:
                 pipe.poll(IDLE_S)  # nothing comes before the answer, unless the other end goes
-            pipe.send(True)
+            say(True)
             if time.monotonic() < look_s:
                 continue
             look_s = time.monotonic() + LOOK_S
             if images is None and listen is not None and view.watched:
                 images = listen()
-            for camera, color, said in images() if images is not None else ():
-                view.show_image(camera, color, said)
+            for picture in images() if images is not None else ():
+                view.show_image(picture)
     except (EOFError, OSError):
         view.close()

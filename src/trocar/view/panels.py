@@ -1,10 +1,12 @@
-"""Panels beside a scene: joints, timeline, figures."""
+"""Panels beside a scene: time line, errors of the tips, cameras, joints."""
 
 from __future__ import annotations
 
 import io
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont, UnidentifiedImageError
 from trocar.errors import InvalidInput
 from trocar.replay import CameraImage, Replay
 from trocar.view.film import last_until
-from trocar.view.stage import CONTACT, DRIVEN, PLANNED, Rgb, css
+from trocar.view.stage import CONTACT, Rgb, arm_colours, css
 
 if TYPE_CHECKING:
     from viser import GuiApi
@@ -97,10 +99,15 @@ def unit(joint: int) -> str:
 Span = tuple[str, str, float, float]
 """Arm, name, start and end in s."""
 
+BESIDE = "padding:0 14px;line-height:1.6;"
+"""Style of words that begin where pictures and text of viser's do."""
 WIDTH_PX, ROW_PX, AXIS_PX, NAMES_PX = 840, 40, 34, 90
+STRIP_PX = 84
+LEAST_MM = 2.0  # upper end of a strip's scale, if no error is larger
 INK: Rgb = (34, 38, 43)
 QUIET: Rgb = (107, 112, 120)
 PAPER: Rgb = (255, 255, 255)
+FAILED: Rgb = (190, 40, 40)
 SPANS = [tuple(rgb) for rgb in np.rint(255 * np.array(mpl.colormaps["Set3"].colors)).astype(int).tolist()]  # type: ignore[attr-defined]
 FONT = ImageFont.load_default(size=20)
 
@@ -113,13 +120,17 @@ class TimeLine:
         colours: of the spans, by name.
     """
 
-    def __init__(self, spans: Sequence[Span], start_s: float, end_s: float) -> None:
+    def __init__(self, spans: Sequence[Span], start_s: float, end_s: float, names: Sequence[str] = ()) -> None:
+        """Take the spans; those of ``names`` have their colours first, in order, whether they are there or not."""
         self._spans, self._start_s = spans, start_s
         self._end_s = max(end_s, start_s + 1e-3)
         self.arms = tuple(dict.fromkeys(arm for arm, *_ in spans))
-        names = dict.fromkeys(name for _, name, *_ in spans)
-        self.colours = {name: SPANS[k % len(SPANS)] for k, name in enumerate(names)}
-        self._all = self._drawn(self._start_s, self._end_s)
+        known = dict.fromkeys([*names, *(name for _, name, *_ in spans)])
+        self.colours = {name: SPANS[k % len(SPANS)] for k, name in enumerate(known)}
+
+    @cached_property
+    def _all(self) -> NDArray[np.uint8]:
+        return self._drawn(self._start_s, self._end_s)
 
     def whole(self, time_s: float) -> NDArray[np.uint8]:
         """Return the whole trial (h, w, 3) with a line at a time."""
@@ -133,9 +144,10 @@ class TimeLine:
 
     def legend(self) -> str:
         """Return names and colours of the spans as HTML."""
-        chip = '<span style="display:inline-block;width:10px;height:10px;margin:0 4px 0 0;background:{}"></span>{}'
+        box = '<span style="display:inline-block;width:10px;height:10px;margin:0 4px 0 0;background:{}"></span>{}'
+        chip = f'<span style="white-space:nowrap">{box}</span>'
         entries = (chip.format(css(colour), escape(name)) for name, colour in self.colours.items())
-        return f'<div style="font-size:12px;line-height:1.6">{" &ensp; ".join(entries)}</div>'
+        return f'<div style="{BESIDE}font-size:12px">{" &ensp; ".join(entries)}</div>'
 
     def _drawn(self, from_s: float, to_s: float) -> NDArray[np.uint8]:
         """Return a stretch of time without a line."""
@@ -163,21 +175,71 @@ class TimeLine:
         return np.asarray(picture)
 
 
-def _marked(picture: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
-    """Return a picture with a line at a share of its time."""
+class ErrorStrip:
+    """A picture of how far each arm's tip was from where it was planned, over the same time as a time line."""
+
+    def __init__(self, replay: Replay) -> None:
+        self._start_s = float(replay.times_s[0])
+        self._length_s = max(float(replay.times_s[-1]) - self._start_s, 1e-3)
+        self.errors_mm = {
+            arm: 1e3 * np.linalg.norm(path.p_world_driven_m - path.p_world_planned_m, axis=1)
+            for arm, path in replay.tools.items()
+        }
+        known = np.concatenate([*self.errors_mm.values(), [LEAST_MM]])
+        self.top_mm = float(np.nanmax(known))
+        self._all = self._drawn(replay)
+
+    def at(self, time_s: float) -> NDArray[np.uint8]:
+        """Return the strip (h, w, 3) with a line at a time."""
+        return _marked(self._all, (time_s - self._start_s) / self._length_s, 0)
+
+    def said(self, tick: int) -> str:
+        """Return the errors at a tick in words."""
+        return ", ".join(f"{arm} {error[tick]:.1f} mm" for arm, error in self.errors_mm.items())
+
+    def _drawn(self, replay: Replay) -> NDArray[np.uint8]:
+        """Return the strip: contacts and missed goals as vertical lines, the largest error of each pixel's time."""
+        picture = Image.new("RGB", (WIDTH_PX, STRIP_PX), PAPER)
+        pen = ImageDraw.Draw(picture)
+        pen.text((0, 2), f"{self.top_mm:.1f} mm", fill=QUIET, font=FONT)
+        pen.text((0, STRIP_PX - 24), "0", fill=QUIET, font=FONT)
+        pen.line((NAMES_PX, STRIP_PX - 2, WIDTH_PX, STRIP_PX - 2), fill=QUIET)
+        width = WIDTH_PX - NAMES_PX
+        for times_s, colour in (
+            ([touch.time_s for touch in replay.contacts], CONTACT),
+            ([goal.end_s for goal in replay.goals if goal.failed], FAILED),
+        ):
+            for time_s in times_s:
+                x = NAMES_PX + (time_s - self._start_s) / self._length_s * width
+                pen.line((x, 0, x, STRIP_PX), fill=colour, width=3)
+        column = np.clip(((replay.times_s - self._start_s) / self._length_s * width).astype(int), 0, width - 1)
+        for arm, colour in arm_colours(replay).items():
+            largest = np.full(width, np.nan)
+            np.fmax.at(largest, column, self.errors_mm[arm])
+            height = (STRIP_PX - 4) * (1 - largest / self.top_mm)
+            points = [(NAMES_PX + x, float(y) + 1) for x, y in enumerate(height) if np.isfinite(y)]
+            pen.line(points, fill=colour, width=3)
+        return np.asarray(picture)
+
+
+def _marked(picture: NDArray[np.uint8], share: float, below_px: int = AXIS_PX) -> NDArray[np.uint8]:
+    """Return a picture with a line at a share of its time, from its top down to so far above its bottom."""
     marked = picture.copy()
     x = NAMES_PX + round(min(max(share, 0.0), 1.0) * (WIDTH_PX - NAMES_PX - 1))
-    marked[:-AXIS_PX, max(0, x - 1) : x + 2] = INK
+    marked[: len(marked) - below_px, max(0, x - 1) : x + 2] = INK
     return marked
 
 
 WIDEST_PX = 840  # width of a camera's image, small enough to be sent quickly
-CURVES: Mapping[str, Rgb] = {"commanded": PLANNED, "measured": CONTACT, "true": DRIVEN}
+CURVES: Mapping[str, Rgb] = {"commanded": (40, 120, 255), "measured": (214, 60, 160), "true": (95, 215, 40)}
 
 
-def panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | CameraPanel | JointsPanel]:
+def panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | ErrorPanel | CameraPanel | JointsPanel]:
     """Add the panels for which the replay has data, and return them; each shows a tick of ``Replay.times_s``."""
-    found: list[TimeLinePanel | CameraPanel | JointsPanel] = []
+    found: list[TimeLinePanel | ErrorPanel | CameraPanel | JointsPanel] = []
+    if replay.tools:
+        with gui.add_folder("Tips, driven from planned"):
+            found.append(ErrorPanel(gui, replay))
     if replay.spans:
         with gui.add_folder("Time line"):
             found.append(TimeLinePanel(gui, replay))
@@ -210,6 +272,23 @@ class TimeLinePanel:
         """Draw the line of the present at a tick."""
         now = float(self._times_s[tick])
         self._whole.image, self._near.image = self._line.whole(now), self._line.near(now)
+
+
+class ErrorPanel:
+    """How far the tips were from where they were planned, over the whole trial."""
+
+    def __init__(self, gui: GuiApi, replay: Replay) -> None:
+        self._times_s, self._strip = replay.times_s, ErrorStrip(replay)
+        self._said = gui.add_markdown(self._strip.said(0))
+        self._picture = gui.add_image(self._strip.at(float(replay.times_s[0])), format="png")
+        chip = '<span style="color:{}">&#9474;</span> {}'
+        troubles = chip.format(css(CONTACT), "contact"), chip.format(css(FAILED), "missed goal")
+        gui.add_html(f'<div style="{BESIDE}font-size:12px">{" &ensp; ".join(troubles)}</div>')
+
+    def show(self, tick: int) -> None:
+        """Show a tick."""
+        self._said.content = self._strip.said(tick)
+        self._picture.image = self._strip.at(float(self._times_s[tick]))
 
 
 class CameraPanel:
@@ -274,6 +353,41 @@ class JointsPanel:
         self._curves.data = self._joints.errors_near(self._tick, joint)
 
 
+class LiveTimeLine:
+    """The scripts' spans of the last seconds, up to the present, where those that have not ended are marked."""
+
+    def __init__(self, gui: GuiApi) -> None:
+        self._spans: deque[Span] = deque()
+        self._names: dict[str, None] = {}
+        self._now = gui.add_html("")
+        self._picture = gui.add_image(np.full((ROW_PX + AXIS_PX, WIDTH_PX, 3), 255, np.uint8), format="png")
+        self._legend = gui.add_html("")
+
+    def add(self, ended: Sequence[Span]) -> None:
+        """Take spans that have ended."""
+        self._spans.extend(ended)
+        self._names |= dict.fromkeys(name for _, name, *_ in ended)
+
+    def clear(self) -> None:
+        """Forget all spans: another trial begins."""
+        self._spans.clear()
+
+    def show(self, time_s: float, begun: Sequence[tuple[str, str, float]]) -> None:
+        """Draw a time, with the spans that have begun and not ended."""
+        from_s = max(0.0, time_s - 2 * WINDOW_S)
+        while self._spans and self._spans[0][3] < from_s:
+            self._spans.popleft()
+        present = [(arm, name, start_s, time_s) for arm, name, start_s in begun]
+        self._names |= dict.fromkeys(name for _, name, _ in begun)
+        spans = sorted([*self._spans, *present], key=lambda span: span[0])  # else rows would change places
+        line = TimeLine(spans, from_s, time_s, tuple(self._names))
+        self._picture.visible = bool(spans)
+        if spans:
+            self._picture.image, self._legend.content = line.near(time_s), line.legend()
+        now = ", ".join(f"<b>{escape(arm)}</b> {escape(name)}" for arm, name, _ in begun)
+        self._now.content = f'<div style="{BESIDE}font-size:13px">now: {now or "no step of a script"}</div>'
+
+
 def decoded(image: CameraImage) -> NDArray[np.uint8] | None:
     """Return an image (h, w, 3), reduced if it is large; None if it is damaged."""
     try:
@@ -282,6 +396,36 @@ def decoded(image: CameraImage) -> NDArray[np.uint8] | None:
     except (UnidentifiedImageError, OSError, ValueError):
         return None
     return reduced(picture)
+
+
+FOUND: Rgb = (255, 225, 40)
+HALO: Rgb = (20, 20, 20)
+SMALL = ImageFont.load_default(size=12)
+SMALL_PX = (480, 360)
+"""An image is enlarged to whole multiples of its width and height that are no larger."""
+
+
+def with_outlines(color: NDArray[np.uint8], outlines_px: Mapping[str, NDArray[np.float64]]) -> NDArray[np.uint8]:
+    """Return an image (h, w, 3), enlarged if it is small, with closed lines (n, 2) of its pixels beside their names.
+
+    A line with an unknown place is left out.
+    """
+    height, width = color.shape[:2]
+    times = max(1, min(SMALL_PX[0] // width, SMALL_PX[1] // height))
+    picture = Image.fromarray(color.repeat(times, 0).repeat(times, 1))
+    pen = ImageDraw.Draw(picture)
+    for name, line_px in outlines_px.items():
+        if not np.isfinite(line_px).all():
+            continue
+        drawn = times * (np.concatenate([line_px, line_px[:1]]) + 0.5) - 0.5
+        corners = [tuple(corner) for corner in drawn.tolist()]
+        for colour, width in ((HALO, 4), (FOUND, 2)):
+            pen.line(corners, fill=colour, width=width, joint="curve")
+        left, right, middle = drawn[:, 0].min() - 4, drawn[:, 0].max() + 4, drawn[:, 1].mean()
+        fits = right + pen.textlength(name, SMALL) < picture.width
+        at, anchor = ((right, middle), "lm") if fits else ((left, middle), "rm")
+        pen.text(at, name, FOUND, SMALL, anchor, stroke_width=2, stroke_fill=HALO)
+    return np.asarray(picture)
 
 
 def reduced(picture: Image.Image) -> NDArray[np.uint8]:

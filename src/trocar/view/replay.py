@@ -12,12 +12,11 @@ from trocar.files.output import write_text
 from trocar.replay import Replay
 from trocar.view.film import FRAME_RATES, Film, shoot
 from trocar.view.server import close_server, open_server
-from trocar.view.stage import CONTACT, DRIVEN, PLANNED, Bodies, Rgb, Stage, css
+from trocar.view.stage import CONTACT, Bodies, Rgb, Stage, arm_colours, css
 
 if TYPE_CHECKING:
     from viser.infra import StateSerializer
 
-NOTICE = "Simulated. For research, not for use on patients."
 
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; style-src 'unsafe-inline'; "
@@ -26,18 +25,45 @@ POLICY = (
 """Security policy: the browser lets the page load only its own content."""
 
 STYLE = """
-#trocar { position: fixed; inset: 0 auto auto 0; z-index: 1; margin: 12px; padding: 8px 14px;
-  max-width: calc(100vw - 90px); border-radius: 6px; background: rgb(255 255 255 / 82%); pointer-events: none;
+#trocar { position: fixed; inset: auto auto 40px 0; z-index: 1; margin: 10px; padding: 5px 12px;
+  display: flex; flex-wrap: wrap; align-items: baseline; gap: 0 20px;
+  max-width: calc(100vw - 20px); border-radius: 6px; background: rgb(255 255 255 / 82%); pointer-events: none;
   font: 13px/1.5 system-ui, "Segoe UI", Roboto, Helvetica, Arial, sans-serif; color: #22262b; }
 #trocar h1 { font-size: 16px; font-weight: 600; margin: 0; }
-#trocar ul { list-style: none; margin: 4px 0 0; padding: 0; display: flex; flex-wrap: wrap; gap: 0 16px; }
+#trocar ul { list-style: none; margin: 0; padding: 0; display: flex; flex-wrap: wrap; gap: 0 16px; }
 #trocar i { display: inline-block; vertical-align: middle; margin-right: 6px; }
 #trocar i.line { width: 22px; height: 0; border-top: 4px solid; }
+#trocar i.dashed { width: 22px; height: 0; border-top: 2px dashed; }
 #trocar i.ball { width: 11px; height: 11px; border-radius: 50%; }
-#trocar p { margin: 2px 0 0; font-size: 12px; color: #59606a; }
-.mantine-Notifications-root { margin-top: 84px; }
+#trocar p { margin: 0; font-size: 12px; color: #59606a; }
 """
 
+BEGIN = """
+const begin = () => {
+  const [, given] = location.hash.match(/^#t=(\\d+(?:\\.\\d+)?)$/) ?? [];
+  if (given === undefined) return;
+  const field = document.querySelector(".mantine-NumberInput-input");
+  const thumb = document.querySelector(".mantine-Slider-thumb");
+  if (!field || !thumb) return setTimeout(begin, 100);  // the player is not there yet
+  const time = Math.min(Number(given), thumb.getAttribute("aria-valuemax") - 0.1);
+  Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(field, time.toFixed(2));
+  field.dispatchEvent(new Event("input", { bubbles: true }));
+  setTimeout(() => {
+    if (Math.abs(thumb.getAttribute("aria-valuenow") - time) > 0.02) return begin();
+    const play = field.closest(".mantine-Paper-root").querySelector("button");  // a time that is typed stops it
+    goOn(() => play.click(), performance.now() + 3000, performance.now(), 5);
+  }, 100);
+};
+const goOn = (play, latest, before, smooth) => requestAnimationFrame((now) => {  // once the scene is built
+  if (!smooth || now > latest) return play();
+  goOn(play, latest, now, now - before < 100 ? smooth - 1 : 5);
+});
+addEventListener("hashchange", begin);
+begin();
+"""
+"""Starts the player at a time of the page's address: viser's player has no such option, so the time is typed."""
+
+QUIET: Rgb = (89, 96, 106)
 LARGEST_BYTES = 3_000_000
 MAX_POSES = 40_000  # so many pose changes fit into such a page; a longer trial gets fewer frames per second
 END_S = 1.0  # pause before the player starts again after its last frame
@@ -49,7 +75,7 @@ def write_replay(replay: Replay, path: str | Path) -> Path:
     The page contains everything that it needs and loads nothing from a network. It plays 30 frames per second of the
     trial's clock or, if more than ``MAX_POSES`` poses would change, the next lower rate of ``FRAME_RATES`` at which
     they do not; each frame shows a recorded tick, nothing is interpolated. A body is moved once it is more than 20 um
-    or 0.1 mrad from where it is drawn.
+    or 0.1 mrad from where it is drawn. With ``#t=SECONDS`` at the end of its address it starts at that time.
 
     Args:
         replay: what is played.
@@ -97,16 +123,22 @@ def _record_poses(recording: StateSerializer, bodies: Bodies, frame: int) -> Non
         recording._insert_message(SetOrientationMessage(name, tuple(wxyz.tolist())))
 
 
+def notice(replay: Replay) -> str:
+    """Return what stands beside a scene: whether it was simulated (then true joints are known), and a warning."""
+    known = not replay.joints or any("true" in kinds for kinds in replay.joints.values())
+    return f"{'Simulated. ' if known else ''}For research, not for use on patients."
+
+
 def _with_overlay(page: str, replay: Replay, film: Film) -> str:
     """Return viser's page with the replay's title and legend over it, and without network access."""
-    entries = [
-        *([_entry("line", PLANNED, "tip, planned"), _entry("line", DRIVEN, "tip, driven")] if replay.tools else []),
-        *([_entry("ball", CONTACT, "contact")] if replay.contacts else []),
-    ]
+    arms = [_entry("line", colour, escape(arm)) for arm, colour in arm_colours(replay).items()]
+    kinds = [_entry("dashed", QUIET, "tip, planned"), _entry("line", QUIET, "tip, driven")]
+    contact = [_entry("ball", CONTACT, "contact")]
+    entries = [*arms, *(kinds if arms else []), *(contact if replay.contacts else [])]
     title = escape(replay.title)
     block = (
         f'<div id="trocar"><h1>{title}</h1><ul>{"".join(entries)}</ul>'
-        f"<p>{film.rate_hz:g} frames per second. {NOTICE}</p></div>"
+        f"<p>{notice(replay)} {film.rate_hz:g} frames per second.</p></div><script>{BEGIN}</script>"
     )
     page = page.replace("<title>Viser</title>", f"<title>{title}</title>", 1)
     page = page.replace("<head>", f'<head><meta http-equiv="Content-Security-Policy" content="{POLICY}">', 1)
@@ -115,5 +147,5 @@ def _with_overlay(page: str, replay: Replay, film: Film) -> str:
 
 
 def _entry(kind: str, colour: Rgb, name: str) -> str:
-    where = "border-color" if kind == "line" else "background"
+    where = "background" if kind == "ball" else "border-color"
     return f'<li><i class="{kind}" style="{where}: {css(colour)}"></i>{name}</li>'

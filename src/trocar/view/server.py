@@ -38,6 +38,26 @@ def open_server(port: int) -> ViserServer:
         return ViserServer(host=LOCAL, port=port, verbose=False)
 
 
+PANEL_PX = 460
+PHONE = """<style>@media (max-width: 36em) {
+.mantine-Paper-root[style*="position: fixed"] { width: 100vw !important; max-height: 58% !important; }
+.mantine-Paper-root[style*="position: fixed"] .mantine-ScrollArea-content > div { width: 100% !important; }
+.mantine-Paper-root[style*="position: fixed"] .mantine-Button-root { height: 3em !important; }
+}</style>"""
+"""On a telephone, viser's panel is as wide as the screen, and its buttons are as high as a finger."""
+
+
+def open_panel(server: ViserServer, title: str, notice: str) -> None:
+    """Open the panel beside the scene, with a title and a first line."""
+    gui = server.gui
+    gui.configure_theme(show_logo=False, show_share_button=False)
+    gui.set_panel_label(title)
+    gui.main_panel.dock_right()
+    gui.main_panel.set_width(PANEL_PX)
+    gui.add_markdown(f"*{notice}*", order=0)
+    gui.add_html(PHONE, order=0)
+
+
 def close_server(server: ViserServer) -> None:
     """Stop a server; its thread has ended and its port is free afterwards."""
     with _quiet():

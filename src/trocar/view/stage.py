@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3
 from trocar.replay import Contact, Replay
 from trocar.view.film import Film
+from trocar.view.framing import frame_windows, look_from
 from trocar.view.mesh import Mesh, Rgba, body_parts
-from trocar.view.viewpoint import FIELD_RAD, Viewpoint, viewpoint
+from trocar.view.surroundings import add_ports, lay_table
+from trocar.view.viewpoint import ASPECT, LABEL, ROW, Viewpoint, viewpoint
 
 if TYPE_CHECKING:
     from viser import SceneApi, ViserServer
@@ -22,8 +24,8 @@ if TYPE_CHECKING:
 
 Rgb = tuple[int, int, int]
 
-PLANNED: Rgb = (40, 120, 255)
-DRIVEN: Rgb = (95, 215, 40)
+ARMS: tuple[Rgb, ...] = ((30, 105, 255), (110, 225, 50), (60, 62, 70))
+"""Colours of arms, in order; whoever sees colours differently tells them apart by their brightness."""
 CONTACT: Rgb = (214, 60, 160)
 SKY: Rgb = (238, 240, 243)
 HORIZON: Rgb = (206, 211, 217)
@@ -34,101 +36,133 @@ def css(colour: Rgb) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
+def arm_colours(replay: Replay) -> dict[str, Rgb]:
+    """Return the colour of each arm."""
+    return dict(zip(replay.tools, cycle(ARMS), strict=False))
+
+
 SPACING_M, MAX_POINTS = 1e-3, 2000  # spacing of a whole path
+DASH_M = 2e-3  # length of a dash, and of the gap behind it
 STEP_S = 0.05  # between two points of a stretch
-THIN_PX, BOLD_PX = 1.5, 4.5
-GREY: Rgb = (128, 132, 140)
-GREYED = 0.35  # share of grey in thin paths
-
-
-@dataclass(frozen=True)
-class PathWindow:
-    """The part of a path near the present that is drawn.
-
-    Attributes:
-        name: last part of its node's name.
-        behind_s: time before the present.
-        ahead_s: time after the present.
-        leap_s: it advances in steps of this time; 0: with each frame, up to the tip itself.
-        width_px: of the line; a thin one is greyer.
-    """
-
-    name: str
-    behind_s: float
-    ahead_s: float
-    leap_s: float
-    width_px: float
-
-
-NEAR = PathWindow("near", 8.0, 4.0, 1.0, THIN_PX)
-PLANNED_NOW = PathWindow("now", 2.0, 1.0, STEP_S, BOLD_PX)
-DRIVEN_NOW = PathWindow("now", 2.0, 0.0, 0.0, BOLD_PX)
+NOW_S, LEAP_S = 2.0, 1.0  # the last part of a driven path is bold; what is behind it advances in steps
+THIN_PX, BOLD_PX = 2.0, 4.5
 
 
 class Paths:
-    """Planned and driven path of each arm's tip: nodes ``/paths/ARM KIND, now`` and ``near``, and ``all``.
+    """Path of each arm's tip on its present goal, in the arm's colour: nodes ``/paths/ARM planned`` and so on.
 
-    That one is hidden, since in a long trial it would cover the scene.
+    The planned path of the goal is dashed. The driven one is solid: ``driven`` from the goal's beginning on, ``now``
+    its last two seconds up to the tip. Whole paths, ``all``, are hidden: in a long trial they would cover the scene.
     """
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
-        self._trails: list[Trail] = []
-        self._times_s = film.times_s
-        for arm, path in replay.tools.items():
-            for kind, points, colour, now in (
-                ("planned", path.p_world_planned_m, PLANNED, PLANNED_NOW),
-                ("driven", path.p_world_driven_m, DRIVEN, DRIVEN_NOW),
+        self._times_s, self._trails, self._whole = film.times_s, [], []
+        for arm, colour in arm_colours(replay).items():
+            path, stretches = replay.tools[arm], stretches_of(replay, arm)
+            for kind, points, trail in (
+                ("planned", path.p_world_planned_m, PlannedTrail),
+                ("driven", path.p_world_driven_m, DrivenTrail),
             ):
                 known = filled(points)
                 if known is not None:
                     name = f"/paths/{arm} {kind}"
-                    add_line(scene, f"{name}, all", thinned(known), colour, THIN_PX).visible = False
-                    self._trails += [Trail(scene, name, replay.times_s, known, colour, part) for part in (NEAR, now)]
+                    pieces = dashes(known) if trail is PlannedTrail else segments(thinned(known))
+                    self._whole.append(add_pieces(scene, f"{name}, all", pieces, colour, THIN_PX))
+                    self._trails.append(trail(scene, name, TipPath(replay.times_s, known), stretches, colour))
+        self.show_whole(False)
 
     def show(self, frame: int) -> None:
-        """Draw the parts near a frame in time."""
+        """Draw the paths of the goals at a frame."""
         for trail in self._trails:
             trail.show(float(self._times_s[frame]))
 
+    def show_whole(self, shown: bool) -> None:
+        """Show the whole paths too, or hide them."""
+        for node in self._whole:
+            node.visible = shown
 
-class Trail:
-    """One stretch of one path: points every ``STEP_S``, which stay in place while the stretch advances."""
 
-    def __init__(
-        self,
-        scene: SceneApi,
-        name: str,
-        times_s: NDArray[np.float64],
-        points_m: NDArray[np.float64],
-        colour: Rgb,
-        part: PathWindow,
-    ) -> None:
-        self._times_s, self._points_m, self._part = times_s, points_m.astype(np.float32), part
+def stretches_of(replay: Replay, arm: str) -> NDArray[np.float64]:
+    """Return the times (k,) in s at which an arm turns to something else: ends of its goals and of the trial."""
+    start_s, end_s = float(replay.times_s[0]), float(replay.times_s[-1])
+    ends = [time_s for goal in replay.goals if goal.arm == arm for time_s in (goal.start_s, goal.end_s)]
+    return np.unique(np.clip([start_s, *ends, end_s], start_s, end_s))
+
+
+class TipPath:
+    """A path on a clock of ``STEP_S``, whose points stay in place whatever part of it is drawn."""
+
+    def __init__(self, times_s: NDArray[np.float64], points_m: NDArray[np.float64]) -> None:
+        self._times_s, self._points_m = times_s, points_m
         self._clock_s = np.arange(times_s[0], times_s[-1] + STEP_S, STEP_S)
-        self._on_clock_m = self._points_m[self._ticks(self._clock_s)]
-        self._drawn = self._stretch(float(times_s[0]))
-        self._node = add_line(scene, f"{name}, {part.name}", self._drawn, colour, part.width_px)
+        self._on_clock_m = points_m[self._ticks(self._clock_s)]
 
-    def show(self, time_s: float) -> None:
-        """Draw the stretch about a time, unless it is drawn already."""
-        stretch = self._stretch(time_s)
-        if not np.array_equal(stretch, self._drawn):
-            self._drawn = stretch
-            self._node.points = segments(stretch)
-
-    def _stretch(self, time_s: float) -> NDArray[np.float32]:
-        """Return the points (k, 3), at least two."""
-        leap_s = self._part.leap_s
-        about_s = leap_s * np.floor(time_s / leap_s + 1e-9) if leap_s else time_s
-        first, last = np.searchsorted(self._clock_s, [about_s - self._part.behind_s, about_s + self._part.ahead_s])
-        points = self._on_clock_m[min(first, len(self._clock_s) - 1) : max(1, last)]
-        if leap_s and len(points) > 1:
-            return points
-        return np.concatenate([points, self._points_m[self._ticks(np.array([time_s]))]])
+    def between(self, start_s: float, end_s: float) -> NDArray[np.float64]:
+        """Return the points (k, 3) from one time to another, at least these two."""
+        first, last = np.searchsorted(self._clock_s, [start_s, end_s])
+        start, end = self._points_m[self._ticks(np.array([start_s, end_s]))]
+        return np.concatenate([start[None], self._on_clock_m[first:last], end[None]])
 
     def _ticks(self, times_s: NDArray[np.float64]) -> NDArray[np.intp]:
         """Return the ticks (k,) at times (k,)."""
         return np.clip(np.searchsorted(self._times_s, times_s - 1e-9), 0, len(self._times_s) - 1)
+
+
+class PlannedTrail:
+    """The planned path of the present goal."""
+
+    def __init__(
+        self, scene: SceneApi, name: str, path: TipPath, stretches_s: NDArray[np.float64], colour: Rgb
+    ) -> None:
+        self._path, self._stretches_s, self._drawn = path, stretches_s, stretch_at(stretches_s, stretches_s[0])
+        self._node = add_pieces(scene, name, dashes(path.between(*self._drawn)), colour, THIN_PX)
+
+    def show(self, time_s: float) -> None:
+        """Draw the goal of a time, unless it is drawn already."""
+        stretch = stretch_at(self._stretches_s, time_s)
+        if stretch != self._drawn:
+            self._drawn, self._node.points = stretch, dashes(self._path.between(*stretch))
+
+
+class DrivenTrail:
+    """The driven path of the present goal, up to the tip."""
+
+    def __init__(
+        self, scene: SceneApi, name: str, path: TipPath, stretches_s: NDArray[np.float64], colour: Rgb
+    ) -> None:
+        self._path, self._stretches_s = path, stretches_s
+        start_s = float(stretches_s[0])
+        self._drawn = self._behind(start_s), path.between(start_s, start_s)
+        self._nodes = [
+            add_line(scene, f"{name}{part}", points, colour, width)
+            for part, points, width in zip(("", ", now"), self._drawn, (THIN_PX, BOLD_PX), strict=True)
+        ]
+
+    def show(self, time_s: float) -> None:
+        """Draw what was driven until a time, as far as it is not drawn already."""
+        parts = self._behind(time_s), self._path.between(time_s - NOW_S, time_s)
+        for node, points, drawn in zip(self._nodes, parts, self._drawn, strict=True):
+            if not np.array_equal(points, drawn):
+                node.points = segments(points)
+        self._drawn = parts
+
+    def _behind(self, time_s: float) -> NDArray[np.float64]:
+        start_s, _ = stretch_at(self._stretches_s, time_s)
+        return self._path.between(start_s, max(start_s, LEAP_S * math.floor(time_s / LEAP_S + 1e-9)))
+
+
+def stretch_at(stretches_s: NDArray[np.float64], time_s: float) -> tuple[float, float]:
+    """Return start and end of the stretch that holds a time."""
+    after = int(np.clip(np.searchsorted(stretches_s, time_s + 1e-9), 1, max(1, len(stretches_s) - 1)))
+    return float(stretches_s[after - 1]), float(stretches_s[min(after, len(stretches_s) - 1)])
+
+
+def dashes(points_m: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return every second piece (k, 2, 3) of ``DASH_M``, or longer to limit their number, of a path (n, 3)."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=1))])
+    corners = np.arange(0.0, way[-1], max(DASH_M, way[-1] / MAX_POINTS))
+    even = np.column_stack([np.interp(np.append(corners, way[-1]), way, column) for column in points_m.T])
+    return segments(even if len(even) > 1 else points_m[[0, -1]])[::2]
 
 
 def thinned(points_m: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -147,34 +181,34 @@ def filled(points_m: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return np.column_stack([np.interp(np.arange(len(points_m)), known, column[known]) for column in points_m.T])
 
 
-def segments(points_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def segments(points_m: NDArray) -> NDArray[np.float32]:
     """Return the pieces (k - 1, 2, 3) of a line."""
-    return np.stack([points_m[:-1], points_m[1:]], axis=1)
+    return np.stack([points_m[:-1], points_m[1:]], axis=1).astype(np.float32)
 
 
-def add_line(scene: SceneApi, name: str, points_m: NDArray[np.float32], colour: Rgb, width_px: float):
-    """Add a line to the scene; thin ones are greyer."""
-    grey = GREYED if width_px == THIN_PX else 0.0
-    rgb = np.rint((1 - grey) * np.array(colour) + grey * np.array(GREY)).astype(np.uint8)
-    return scene.add_line_segments(name, segments(points_m), rgb, thickness=width_px, thickness_units="screen")
+def add_line(scene: SceneApi, name: str, points_m: NDArray, colour: Rgb, width_px: float) -> Any:
+    """Add a line through points (k, 3) to the scene."""
+    return add_pieces(scene, name, segments(points_m), colour, width_px)
+
+
+def add_pieces(scene: SceneApi, name: str, pieces_m: NDArray[np.float32], colour: Rgb, width_px: float) -> Any:
+    """Add pieces (k, 2, 3) of a line to the scene."""
+    rgb = np.array(colour, dtype=np.uint8)
+    return scene.add_line_segments(name, pieces_m, rgb, thickness=width_px, thickness_units="screen")
 
 
 STEP_M = 1e-3  # a label stays in place while its arm moves less than this
 
 
 class ArmLabels:
-    """A label over each arm's tip, so high above it, that says what the arm is doing."""
+    """A label over each arm's tip that says what the arm is doing."""
 
-    def __init__(self, scene: SceneApi, replay: Replay, film: Film, above_m: float) -> None:
+    def __init__(self, scene: SceneApi, replay: Replay, film: Film, view: Viewpoint) -> None:
         paths = {arm: filled(path.p_world_driven_m) for arm, path in replay.tools.items()}
-        self._places = {arm: p[film.ticks] + [0.0, 0.0, above_m] for arm, p in paths.items() if p is not None}
+        above_m = above_tips_m(replay, view)
+        self._places = {arm: p[film.ticks] + above_m[arm] for arm, p in paths.items() if p is not None}
         self._texts = {arm: captions(replay, film, arm) for arm in replay.tools}
-        self._labels = {
-            arm: scene.add_label(
-                f"/arms/{arm}", arm, position=tuple(places[0].tolist()), anchor="bottom-center", font_screen_scale=1.2
-            )
-            for arm, places in self._places.items()
-        }
+        self._labels = {arm: add_arm_label(scene, arm, places[0]) for arm, places in self._places.items()}
         self.show(0)
 
     def show(self, frame: int) -> None:
@@ -184,6 +218,21 @@ class ArmLabels:
             if np.linalg.norm(place - label.position) > STEP_M:
                 label.position = place
             label.text = self._texts[arm][frame]
+
+
+def add_arm_label(scene: SceneApi, arm: str, place_m: NDArray) -> Any:
+    """Add an arm's label to the scene."""
+    return scene.add_label(
+        f"/arms/{arm}", arm, position=tuple(place_m.tolist()), anchor="bottom-center", font_screen_scale=1.2
+    )
+
+
+def above_tips_m(replay: Replay, view: Viewpoint) -> dict[str, NDArray[np.float64]]:
+    """Return how far (3,) each arm's label is above its tip; those of tips at one height are at different ones."""
+    return {
+        arm: np.array([0.0, 0.0, (LABEL + ROW * (number % 2)) * view.radius_m])
+        for number, arm in enumerate(replay.tools)
+    }
 
 
 def captions(replay: Replay, film: Film, arm: str) -> list[str]:
@@ -278,16 +327,16 @@ LIT = 3.0  # radii of the workspace that the lamp reaches
 class Stage:
     """Everything that is drawn of a replay, first at the first frame of its film: bodies, and what is over them."""
 
-    def __init__(self, server: ViserServer, replay: Replay, film: Film) -> None:
+    def __init__(self, server: ViserServer, replay: Replay, film: Film, aspect: float = ASPECT) -> None:
         self.film = film
-        view, scene = viewpoint(replay, film), server.scene
-        look_from(server, view)
-        light(scene, view)
+        view, scene = viewpoint(replay, film, aspect), server.scene
+        set_up(server, replay, film, view)
         self.bodies = Bodies(scene, replay, film)
+        self.paths = Paths(scene, replay, film)
         self._moments = (
-            Paths(scene, replay, film),
+            self.paths,
             Contacts(scene, replay, film, 0.035 * view.radius_m),
-            ArmLabels(scene, replay, film, 0.4 * view.radius_m),
+            ArmLabels(scene, replay, film, view),
         )
 
     def show(self, frame: int) -> None:
@@ -301,12 +350,13 @@ class Stage:
             moment.show(frame)
 
 
-def look_from(server: ViserServer, view: Viewpoint) -> None:
-    """Set the initial view of the page."""
-    camera = server.initial_camera
-    camera.position, camera.look_at, camera.up = view.eye_m, view.centre_m, (0.0, 0.0, 1.0)
-    camera.fov = FIELD_RAD
-    camera.near = 0.02 * float(np.linalg.norm(view.eye_m - view.centre_m))
+def set_up(server: ViserServer, replay: Replay, film: Film, view: Viewpoint, *, live: bool = False) -> None:
+    """Set view and light, and lay what stands about the bodies; a browser looks as its window's shape asks for."""
+    look_from(server, view)
+    frame_windows(server, replay, film, live=live)
+    light(server.scene, view)
+    lay_table(server.scene, replay, film)
+    add_ports(server.scene, replay, film)
 
 
 def light(scene: SceneApi, view: Viewpoint) -> None:

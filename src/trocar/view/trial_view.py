@@ -12,14 +12,14 @@ import numpy as np
 from trocar.replay import Replay
 from trocar.view.film import last_until, shoot
 from trocar.view.panels import panels
-from trocar.view.replay import NOTICE
-from trocar.view.server import close_server, open_server
+from trocar.view.replay import notice
+from trocar.view.server import close_server, open_panel, open_server
 from trocar.view.stage import Stage, said_of
+from trocar.view.viewpoint import BESIDE_PANEL
 
 SPEEDS = {"x 0.1": 0.1, "x 0.25": 0.25, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 4": 4.0, "x 8": 8.0}
 FRAMES_PER_S = 30.0
 PANELS_PER_S = 8.0  # updates of the numbers and pictures beside the scene, while it plays
-PANEL_PX = 460
 
 
 class TrialView:
@@ -32,7 +32,7 @@ class TrialView:
     Attributes:
         server: viser's server.
         stage: the scene.
-        jumps: time in s of each event and contact, by its text in the menu.
+        jumps: time in s of each event, contact and missed goal, by its text in the menu.
         time_s: that is shown.
         plays: whether time runs while :meth:`play` is running.
 
@@ -49,7 +49,7 @@ class TrialView:
         self.jumps = jumps(replay)
         self.server = open_server(port)
         with self.server.atomic():
-            self.stage = Stage(self.server, replay, film)
+            self.stage = Stage(self.server, replay, film, BESIDE_PANEL)
             self._add_controls(replay)
             self._panels = panels(self.server.gui, replay)
         self.show(self.time_s)
@@ -114,17 +114,17 @@ class TrialView:
     def _add_controls(self, replay: Replay) -> None:
         """Add title, button, slider, speed and menu of events."""
         gui = self.server.gui
-        gui.configure_theme(show_logo=False, show_share_button=False)
-        gui.set_panel_label(replay.title)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(PANEL_PX)
-        gui.add_markdown(f"*{NOTICE}*")
+        open_panel(self.server, replay.title, notice(replay))
         self._button = gui.add_button("Play")
         start, end = float(self._times_s[0]), float(self._times_s[-1])
-        self._slider = gui.add_slider("time, s", start, max(end, start + 0.01), 0.01, start)
+        marks = tuple(sorted({round(time_s, 2) for time_s in troubles(replay)}))
+        self._slider = gui.add_slider("time, s", start, max(end, start + 0.01), 0.01, start, marks=marks or None)
         self._speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
         self._button.on_click(lambda _: self.run(not self.plays))
         self._slider.on_update(self._slid)
+        if replay.tools:
+            whole = gui.add_checkbox("whole paths", False)
+            whole.on_update(lambda _: self.stage.paths.show_whole(whole.value))
         if self.jumps:
             self._menu = gui.add_dropdown("jump to", ("choose", *self.jumps))
             self._menu.on_update(self._chosen)
@@ -140,10 +140,16 @@ class TrialView:
 
 
 def jumps(replay: Replay) -> dict[str, float]:
-    """Return the time in s of each event and contact, by its description, in order of time."""
+    """Return the time in s of each event, contact and missed goal, by its description, in order of time."""
     found = [(touch.time_s, f"contact: {said_of(touch)}") for touch in replay.contacts]
+    found += [(goal.end_s, f"missed: goal {goal.number}, {goal.arm}") for goal in replay.goals if goal.failed]
     found += [(float(event["time_s"]), in_words(event)) for event in replay.events]  # type: ignore[arg-type]
     return {f"{at:.2f} s  {words}": at for at, words in sorted(found)}
+
+
+def troubles(replay: Replay) -> list[float]:
+    """Return the times in s at which something touched, or the work on a goal ended that was missed."""
+    return [touch.time_s for touch in replay.contacts] + [goal.end_s for goal in replay.goals if goal.failed]
 
 
 def in_words(event: Mapping[str, object]) -> str:

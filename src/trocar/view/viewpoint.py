@@ -14,12 +14,17 @@ from trocar.view.mesh import solid_mesh
 
 ELEVATION_RAD = math.radians(33.0)
 FIELD_RAD = math.radians(34.0)  # from the upper to the lower edge; narrow, so that parallel edges stay nearly parallel
-FILLED = 0.54  # shares of the picture's height and width filled by where objects are handled; the instruments are above
-MIN_EDGE = 0.08  # share of the same, between a parked arm's tip and the edge
+MARGINS = (0.10, 0.22, 0.15)
+"""Shares of half the picture's height above and below, and of half its width at either side, that are left free; the
+page's title stands below."""
+FOR_BOARDS, FOR_PORTS = 1.6, 1.35
+"""The camera goes at most so many times as far away to have boards, then ports, in the picture too."""
+LABEL, ROW = 0.24, 0.09
+"""Height of an arm's label above its tip, and of a row of letters, in radii of the workspace."""
 HANDLING_M = 0.04  # a tip this close to objects handles them
 OBJECT_M = 0.01  # half of an object whose middle is in the workspace
-ASPECT = 1.25  # aspect ratio of a window, or narrower
-LIVE_FILLED, LIVE_ASPECT = 0.78, 1.0
+ASPECT = 1.5  # of a window, or narrower
+BESIDE_PANEL = 1.0  # likewise, of what a page's panel leaves
 MIN_RADIUS_M = 0.03
 STEP_RAD = math.radians(45.0)  # steps of the camera's azimuth: boards and tables are aligned with axes
 UPRIGHT = 0.5  # instruments that lean forwards or backwards by less than this tangent count as upright
@@ -33,44 +38,98 @@ class Viewpoint:
 
     Attributes:
         eye_m: (3,) where it is.
-        centre_m: (3,) middle of the workspace, at which it looks.
+        target_m: (3,) what is in the middle of the picture, as far away as the workspace's middle.
+        centre_m: (3,) middle of the workspace.
         radius_m: of a ball that contains the workspace.
         right: (3,) unit, to the right in the picture, level.
         front: (3,) unit, level, from the middle towards the camera.
     """
 
     eye_m: NDArray[np.float64]
+    target_m: NDArray[np.float64]
     centre_m: NDArray[np.float64]
     radius_m: float
     right: NDArray[np.float64]
     front: NDArray[np.float64]
 
 
-def viewpoint(replay: Replay, film: Film, *, live: bool = False) -> Viewpoint:
-    """Return the viewpoint.
+def viewpoint(
+    replay: Replay, film: Film, aspect: float = ASPECT, *, live: bool = False, below: float = MARGINS[1]
+) -> Viewpoint:
+    """Return the viewpoint of a window of this aspect ratio; ``below`` in place of that of ``MARGINS``.
 
     The workspace is where objects are, and tips near them. The camera looks across the line from arm to arm, or across
     a single arm: along it, one would hide the other, or its own tip. Of the two sides it takes the one that the
-    instruments lean away from; if they lean to neither, the side of negative y. Its distance is such that the workspace
-    fills ``FILLED`` of the picture, and that arms parked elsewhere are in it too. If it is ``live``, and nobody knows
-    where the arms will go, the workspace is wherever anything is now, and the page's panel makes the window narrower.
+    instruments lean away from; if they lean to neither, the side of negative y. It is as near as possible with the
+    workspace, all tips and their labels in the picture, between ``MARGINS``; boards and the arms' ports are in it too,
+    unless the camera had to go too far away for them. If it is ``live``, and nobody knows where the arms will go, the
+    workspace is wherever anything is now.
     """
     tips = _tips(replay, film)
-    near = _handling(tips, _objects(replay, film), math.inf if live else HANDLING_M)
-    aspect, filled = (LIVE_ASPECT, LIVE_FILLED) if live else (ASPECT, FILLED)
+    near = _handling(tips, objects(replay, film), math.inf if live else HANDLING_M)
     low, high = near.min(0), near.max(0)
     centre = (low + high) / 2
     radius = max(MIN_RADIUS_M, float(np.linalg.norm(high - low)) / 2)
     right = _right(np.array([_from_middle(replay, film, arm, centre) for arm in replay.tools]).reshape(-1, 2))
     front = np.cross(right, UP)
-    back = -(math.cos(ELEVATION_RAD) * front + math.sin(ELEVATION_RAD) * UP)
-    everything = np.concatenate([near, tips])
-    distance = max(
-        _distance(near - centre, right, back, filled, aspect),
-        _distance(everything - centre, right, back, 1 - MIN_EDGE, aspect),
-    )
-    eye = centre - distance * back
-    return Viewpoint(eye, centre, radius, right, front)
+    forward = -(math.cos(ELEVATION_RAD) * front + math.sin(ELEVATION_RAD) * UP)
+    axes = np.stack([right, np.cross(right, forward), forward])
+    ball = centre + MIN_RADIUS_M * np.concatenate([axes[:2], -axes[:2]])
+    wanted = np.concatenate([_thick(near), tips, tips + (LABEL + ROW) * radius * UP, ball])
+    margins = MARGINS[0], below, MARGINS[2]
+    eye = _eye(wanted, axes, aspect, margins)
+    for more, growth in ((fixed_corners(replay, film), FOR_BOARDS), (ports(replay), FOR_PORTS)):
+        further = np.concatenate([wanted, more])
+        there = _eye(further, axes, aspect, margins)
+        if (centre - there) @ forward <= growth * (centre - eye) @ forward:
+            wanted, eye = further, there
+    return Viewpoint(eye, eye + ((centre - eye) @ forward) * forward, centre, radius, right, front)
+
+
+def _eye(
+    points_m: NDArray[np.float64], axes: NDArray[np.float64], aspect: float, margins: tuple[float, float, float]
+) -> NDArray[np.float64]:
+    """Return the nearest place (3,) of a camera with these points (n, 3) between its margins.
+
+    Args:
+        points_m: in the world.
+        axes: (3, 3) rows: right, up and forward in the picture.
+        aspect: of the window.
+        margins: as ``MARGINS``.
+    """
+    above, below, beside = margins
+    half = math.tan(FIELD_RAD / 2)
+    x, y, z = (points_m @ axes.T).T
+    wide, up, down = half * aspect * (1 - beside), half * (1 - above), half * (1 - below)
+    back, middle = [], []
+    for along, plus, minus in ((x, wide, wide), (y, up, down)):
+        # all points are at most plus * depth to one side of the eye and minus * depth to the other
+        far, other = (along - plus * z).max(), (-along - minus * z).max()
+        back.append(-(far + other) / (plus + minus))
+        middle.append((far, plus, other, minus))
+    depth = min(back)
+    place = [((far + plus * depth) + (-other - minus * depth)) / 2 for far, plus, other, minus in middle]
+    return np.array([*place, depth]) @ axes
+
+
+def _thick(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners (n, 3) of objects about their middles (m, 3)."""
+    return np.concatenate([points_m + sign * OBJECT_M * np.eye(3)[k] for k in range(3) for sign in (-1, 1)])
+
+
+def fixed_corners(replay: Replay, film: Film) -> NDArray[np.float64]:
+    """Return the corners (n, 3) in the world of all solids that never move and are no arm's."""
+    fixed = [s for s in replay.solids if s.body not in film.bodies and not s.body.startswith(tuple(replay.tools))]
+    corners = [
+        (replay.T_world_body[solid.body] @ solid.T_body_solid).apply(solid_mesh(solid).vertices_m.astype(np.float64))
+        for solid in fixed
+    ]
+    return np.concatenate([*corners, np.zeros((0, 3))])
+
+
+def ports(replay: Replay) -> NDArray[np.float64]:
+    """Return the remote centres (n, 3) of all arms."""
+    return np.array([*replay.ports_m.values()]).reshape(-1, 3)
 
 
 def _right(arms_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -96,16 +155,6 @@ def _from_middle(replay: Replay, film: Film, arm: str, centre_m: NDArray[np.floa
     return np.mean(centres, axis=0)[:2] - centre_m[:2] if centres else np.zeros(2)
 
 
-def _distance(
-    points_m: NDArray[np.float64], right: NDArray[np.float64], back: NDArray[np.float64], filled: float, aspect: float
-) -> float:
-    """Return the distance at which points (n, 3), relative to the middle, fill this share of the picture."""
-    slope = filled * math.tan(FIELD_RAD / 2)
-    sideways, upwards = np.abs(points_m @ right), np.abs(points_m @ np.cross(right, back))
-    needed = ((np.maximum(sideways / aspect, upwards) + OBJECT_M) / slope - points_m @ back).max()
-    return max(float(needed), MIN_RADIUS_M / slope)
-
-
 def _tips(replay: Replay, film: Film) -> NDArray[np.float64]:
     """Return the positions (n, 3) of the tips of all arms at all frames."""
     points = [path.p_world_driven_m[film.ticks] for path in replay.tools.values()]
@@ -113,7 +162,7 @@ def _tips(replay: Replay, film: Film) -> NDArray[np.float64]:
     return together[np.isfinite(together).all(1)]
 
 
-def _objects(replay: Replay, film: Film) -> NDArray[np.float64]:
+def objects(replay: Replay, film: Film) -> NDArray[np.float64]:
     """Return the positions (n, 3) of objects at all frames: bodies that can move and do not belong to an arm.
 
     An arm's bodies have names that begin with its own.

@@ -1,0 +1,227 @@
+"""One transfer by the mouse alone: a headless Chromium drags the handle's axes and arcs, and presses close and open.
+
+The scripted person of `bench_console.py` knows where tip and blocks truly are, as a person sees them; what it does is
+done in the browser: it projects the handle's axes into the picture with the page's camera, presses the mouse on one,
+drags it by what is seen to be off along it, waits until the arm has followed, lets go, and looks again.
+
+Run: .venv/bin/python benchmarks/bench_mouse.py --seed 31
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from bench_console import ARM, Person, Seat
+
+from trocar.eval.config import RunConfig
+from trocar.eval.prepare import prepare
+from trocar.eval.run import run_trial
+from trocar.geometry import SE3, SO3
+from trocar.tasks.peg_transfer.task import PegTransfer
+from trocar.view.console_view import HANDLE_M, Wish
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "view"))
+from browser import browser
+
+SIZE = (900, 560)
+FINENESS = 0.15
+"""Pixels that are drawn a pixel, on each axis: without a graphics card, drawing is slow."""
+ARROW, ARC = 0.85 * HANDLE_M, 0.65 * HANDLE_M
+"""Where an axis is grasped, from the handle's middle, and the radius of its arcs."""
+STEPS = 2
+"""Places of the mouse on the way of a drag."""
+TURN_RAD = 0.6
+"""At most, in one drag."""
+NEAR_STEP_M, FAR_M = 8e-3, 0.05
+"""So far at most an axis is dragged at once when it is nearer than this to the goal: the way there is no line."""
+LOOKS = 12
+"""Drags after each of which is looked, on the way to one place."""
+NEAR_M, NEAR_RAD = 1.5e-3, 0.15
+SENT_S = 0.3
+STILL_M, STILL_S, PATIENCE_S, LATE_S = 5e-4, 0.5, 8.0, 60.0
+HANDLE = f"window.__viserMutable.nodePoseData['/handles/{ARM}']"
+DRAWN = f"""
+new Promise(done => {{
+  let frames = 3;
+  const pose = () => ({{p: [...{HANDLE}.position], q: [...{HANDLE}.wxyz]}});
+  const next = () => frames-- ? requestAnimationFrame(next) : done(pose());
+  next();
+}})
+"""
+PROJECT = """
+(points => {
+  const page = window.__viserMutable, camera = page.camera, canvas = document.querySelector('canvas');
+  const box = canvas.getBoundingClientRect(), root = page.nodeRefFromName[''].matrixWorld;
+  return points.map(p => {
+    const seen = camera.position.clone().set(...p).applyMatrix4(root).project(camera);
+    return [box.left + (seen.x + 1) / 2 * box.width, box.top + (1 - seen.y) / 2 * box.height];
+  });
+})
+"""
+"""Returns where points of the world are in the picture, in pixels of the page."""
+
+
+class Mouse(Person):
+    """Moves the arm by the handle on the page.
+
+    Args:
+        watch: whose page it is.
+    """
+
+    def __init__(self, watch: Seat):
+        super().__init__(0, 0.0, 0.0, np.random.default_rng(0))
+        self.watch, self.jaws, self.drags = watch, -1.0, 0
+        self.wrong: BaseException | None = None
+
+    def run(self) -> None:
+        """Do the task, and press the button that ends it, whatever comes."""
+        with browser(*SIZE) as page:
+            self.page = page
+            try:
+                page.call("Page.navigate", url=f"{self.watch.address}?fixedDpr={FINENESS}")
+                page.until(f"!!window.__viserMutable?.camera && !!{HANDLE}")
+                page.quiet()
+                self.find()
+                for source, target in self.goals:
+                    self.transfer(source, target)
+            except BaseException as error:
+                self.wrong = error
+            page.press("I have done it")
+            while not self.watch.console._done.is_set():
+                time.sleep(0.1)
+
+    def go(self, goal: SE3, jaw: float, of: str = "tip") -> None:
+        """Drag one axis or arc after another until what is moved is seen where it should be."""
+        self.press(jaw)
+        refused_rad = np.inf
+        for _ in range(LOOKS):
+            turn = self.twist(goal, of)
+            if NEAR_RAD < np.linalg.norm(turn) < refused_rad:
+                self.turn(turn)
+                if np.linalg.norm(self.twist(goal, of)) > 0.9 * np.linalg.norm(turn):
+                    refused_rad = NEAR_RAD  # the wrist turns no further: as it is, then
+            limit_m = NEAR_STEP_M if np.linalg.norm(self.off(goal, of)) < FAR_M else np.inf
+            for axis in np.argsort(-np.abs(self.handle.rotation.matrix.T @ self.off(goal, of))):
+                step = self.handle.rotation.matrix[:, axis]
+                away = float(np.clip(step @ self.off(goal, of), -limit_m, limit_m))
+                if abs(away) > NEAR_M / 2:
+                    start = self.handle.translation_m + ARROW * step
+                    self.drag(start + away * np.linspace(0.0, 1.0, STEPS + 1)[:, None] * step)
+            turned_rad = np.linalg.norm(self.twist(goal, of))
+            if np.linalg.norm(self.off(goal, of)) < NEAR_M and turned_rad < max(NEAR_RAD, refused_rad < np.inf):
+                return
+
+    def twist(self, goal: SE3, of: str) -> np.ndarray:
+        """Return the rotation vector (3,) from how something is seen to how it should be."""
+        return (goal.rotation @ self.seen()[of].rotation.inverse()).log()
+
+    def off(self, goal: SE3, of: str) -> np.ndarray:
+        """Return the way (3,) from where something is seen to where it should be."""
+        return goal.translation_m - self.seen()[of].translation_m
+
+    def turn(self, turn: np.ndarray) -> None:
+        """Drag the arcs so that the handle turns by a rotation vector of the world."""
+        held = self.handle.rotation
+        own = (held.inverse() @ SO3.exp(turn) @ held).log()
+        axis = int(np.abs(own).argmax())
+        angle = float(np.clip(own[axis], -TURN_RAD, TURN_RAD))
+        first, second = held.matrix[:, (axis + 1) % 3], held.matrix[:, (axis + 2) % 3]
+        angles = np.pi / 4 + angle * np.linspace(0.0, 1.0, STEPS + 1)[:, None]
+        self.drag(self.handle.translation_m + ARC * (np.cos(angles) * first + np.sin(angles) * second))
+
+    def drag(self, points_m: np.ndarray) -> None:
+        """Press the mouse on the first of some points (n, 3) of the world, drag it over them, wait, and let go."""
+        if self.watch.console.standing.stopped:  # as when a busy browser lost its connection and found it again
+            self.page.press("Go on")
+        pixels = self.page.evaluate(f"{PROJECT}({points_m.tolist()})")
+        for number, (x, y) in enumerate([pixels[0], pixels[0], *pixels]):
+            kind = "mousePressed" if number == 1 else "mouseMoved"
+            held = {"button": "left", "buttons": 1, "clickCount": 1} if number else {}
+            self.page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **held)
+            time.sleep(0.06)
+        self.page.evaluate(DRAWN)  # all of that has come to the page, and goes to the console
+        time.sleep(SENT_S)
+        self.rest()
+        self.page.call("Input.dispatchMouseEvent", type="mouseReleased", button="left", clickCount=1, x=x, y=y)
+        self.drags += 1
+        self.rest()
+        self.find()
+
+    def rest(self) -> None:
+        """Wait until the tip stands still, and the handle is where it was left or brought to."""
+        began, since, before = self.now_s(), self.now_s(), self.seen()["tip"]
+        while self.now_s() - since < STILL_S and self.now_s() - began < PATIENCE_S:
+            self.sleep(0.05)
+            now = self.seen()["tip"]
+            if np.abs(now.translation_m - before.translation_m).max() > STILL_M:
+                since, before = self.now_s(), now
+
+    def find(self) -> None:
+        """Wait until the page has drawn the handle where the console has it: a busy browser is late."""
+        end = time.monotonic() + LATE_S
+        while time.monotonic() < end:
+            pose: Any = self.page.evaluate(DRAWN)
+            self.handle = SE3.from_parts(SO3.from_quaternion(np.array(pose["q"])), np.array(pose["p"]))
+            where = self.watch.console.standing.hands[ARM]
+            if where is not None and np.abs(self.handle.translation_m - where[0]).max() < 1e-4:
+                return
+        raise TimeoutError("the page does not show the handle where the arm is")
+
+    def wait(self, seconds: float, jaw: float) -> None:
+        """Press what the jaws should do, and wait."""
+        self.press(jaw)
+        self.sleep(seconds)
+
+    def press(self, jaw: float) -> None:
+        """Have the jaws open or close."""
+        if jaw != self.jaws:
+            self.jaws = jaw
+            self.page.press("open" if jaw > 0 else "close")
+            self.sleep(1.0)
+
+
+class MouseSeat(Seat):
+    """A console with a page, at which the person sits."""
+
+    def __init__(self, speed: float):
+        super().__init__(Mouse(self), speed=speed, port=0)
+        self.said: list[Wish] = []
+
+    def _hear(self) -> list:
+        heard = super()._hear()
+        self.said += [one.wish for one in heard]
+        return heard
+
+
+def main() -> None:
+    """Run one trial."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--transfers", type=int, default=1)
+    parser.add_argument("--speed", type=float, default=1.0, help="Seconds of the cell's clock a second.")
+    parser.add_argument("--out", type=Path)
+    given = parser.parse_args()
+    config = RunConfig(PegTransfer(transfers=given.transfers, budget_s=1800.0), method="person", seed=given.seed)
+    with TemporaryDirectory() as folder, MouseSeat(given.speed) as seat:
+        trial = run_trial(config, prepare(config, 0, Path(folder)), 0, attendant=seat, raise_errors=True)
+        seat.person.join()
+    done = sum(score["succeeded"] for score in trial.scores)
+    held = seat.said.count(Wish.HOLD)
+    print(f"{done} of {len(trial.scores)} transfers in {trial.duration_s:.0f} s, {len(trial.collisions)} collisions")
+    print(f"{seat.person.drags} drags, in which the page told {held} places; ended {trial.ended} {trial.reason}")
+    for k, score in enumerate(trial.scores):
+        print(k + 1, score)
+    if given.out:
+        trial.save(given.out)
+    if seat.person.wrong is not None:
+        raise seat.person.wrong
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,354 @@
+"""What a person at the page has asked for, and what follows from it for a cell."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import trio
+from trio.testing import wait_all_tasks_blocked
+
+from trocar.arms import MotionLimits, fk
+from trocar.cell import Cell
+from trocar.console.hand import Hand
+from trocar.console.question import Question
+from trocar.errors import AlreadyThere, InvalidInput, MotionRefused, TrocarError
+from trocar.robots import TICK_S
+from trocar.robots.supervised import StoppedByPerson, Supervised
+from trocar.trajectory import Trajectory
+from trocar.view.console_view import Level, Said, Standing, Wish
+from trocar.view.live import BAD, GOOD, WAITS
+
+POLL_S = 0.01
+"""While the clock stands, the page is listened to so often."""
+
+
+class EmergencyStop(TrocarError):
+    """A person ended the trial."""
+
+
+class Console:
+    """The person's side of one cell: its pace, its supervisor, and who may move its arms.
+
+    In the simulator the clock stands while a motion waits for a yes: a trial of which every motion was confirmed is,
+    byte for byte, that of the script alone. Real time goes on.
+
+    Args:
+        level: what a script needs a yes for.
+        speed: seconds of the cell's clock a second; 0: no limit.
+        noun: of the task's goals, by which events tell that one has ended.
+        hear: returns what the person has said since the last call; called each tick.
+        show: is called each tick, to show how things stand.
+        paced: whether a simulator's clock waits for it each tick (``wait``); else it listens while it serves.
+        over: returns whether the cell ends, so that its clock may not stand any more.
+
+    Attributes:
+        cell: below any compensation; None: it has not begun.
+        hands: the arms in the person's hands.
+        latencies_s: from inputs to the set-points that followed them.
+    """
+
+    def __init__(
+        self,
+        level: Level = Level.AUTONOMOUS,
+        speed: float = 1.0,
+        *,
+        noun: str = "",
+        hear: Callable[[], Iterable[Said]] = tuple,
+        show: Callable[[], None] = lambda: None,
+        paced: bool = True,
+        over: Callable[[], bool] = lambda: False,
+    ):
+        self.level, self.speed, self._noun, self._hear, self._show = level, speed, noun, hear, show
+        self._paced, self._over = paced, over
+        self.cell: Cell | None = None
+        self.hands: dict[str, Hand] = {}
+        self.latencies_s: list[float] = []
+        self._limits: Mapping[str, MotionLimits] = {}
+        self._robot: Supervised | None = None
+        self._question: Question | None = None
+        self._goal_begins, self._works = True, False
+        self._stopped, self._paused, self._ended = False, False, ""
+        self._taken: set[str] = set()
+        self._scopes: dict[str, trio.CancelScope] = {}
+        self._changed, self._done = trio.Event(), trio.Event()
+        self._steps, self._due_s = 0, math.nan
+
+    def supervise(self, cell: Cell, limits: Mapping[str, MotionLimits]) -> Supervised:
+        """Return the robot of a cell with the person beside it; only its guard may have wrapped it already."""
+        self._robot, self._limits = Supervised(cell.robot, self), limits
+        self.cell = cell
+        return self._robot
+
+    @property
+    def _own_cell(self) -> Cell:
+        if self.cell is None:
+            raise InvalidInput("the console", "is at no cell yet", "call supervise() first")
+        return self.cell
+
+    # a pace of the simulator
+
+    async def wait(self, now_s: float) -> None:
+        """Return when the next tick may begin: at the chosen speed, and not while the clock stands."""
+        while True:
+            if self._listen():
+                await wait_all_tasks_blocked()  # what the answer lets start is part of this tick
+            self._show()
+            if not self._stands:
+                break
+            self._due_s = math.nan
+            await trio.to_thread.run_sync(time.sleep, POLL_S)
+        self._steps = max(0, self._steps - 1)
+        if self.speed > 0:
+            now = time.perf_counter()
+            self._due_s = now if math.isnan(self._due_s) else max(self._due_s + TICK_S / self.speed, now - TICK_S)
+            if self._due_s > now:
+                await trio.to_thread.run_sync(time.sleep, self._due_s - now)
+
+    @property
+    def asks(self) -> bool:
+        """Return whether a motion waits for a yes, and nothing else is in its way."""
+        return self._question is not None and not (self._stopped or self._taken)
+
+    @property
+    def _stands(self) -> bool:
+        return not self._ended and not self._steps and (self._paused or self.asks) and not self._over()
+
+    # a supervisor of the robot
+
+    async def permit(self, motions: Mapping[str, Trajectory]) -> None:
+        """Return once these motions may start."""
+        while True:
+            for arm in motions:
+                await self.free(arm)
+            if not self._needs_yes:
+                return
+            while self._question is not None:
+                await self._question.answered.wait()
+            if not self._needs_yes:
+                continue
+            self._question = question = Question.about(self._own_cell, motions)
+            try:
+                await question.answered.wait()
+            finally:  # a script that is cancelled asks no more; else the clock would stand for ever
+                self._answer(question)
+            if not any(self.forbids(arm) for arm in motions):
+                return
+
+    async def free(self, arm: str) -> None:
+        """Return once the arm may be used."""
+        while self.forbids(arm):
+            await self._changed.wait()
+
+    def forbids(self, arm: str) -> bool:
+        """Return whether the arm is stopped or in the person's hands."""
+        return self._stopped or arm in self._taken
+
+    @property
+    def _needs_yes(self) -> bool:
+        return self.level is Level.MOTIONS or (self.level is Level.GOALS and self._goal_begins)
+
+    # a script beside the agent
+
+    async def serve(self, cell: Cell) -> None:
+        """Do what the person asks for, beside the agent, for ever.
+
+        Raises:
+            EmergencyStop: the person ended the trial.
+        """
+        del cell
+        async with trio.open_nursery() as nursery:
+            while True:
+                if not self._paced:
+                    self._listen()
+                    self._show()
+                if self._ended:
+                    raise EmergencyStop(self._ended)
+                for arm in self._taken - set(self._scopes):
+                    self._scopes[arm] = trio.CancelScope()
+                    nursery.start_soon(self._lend, arm)
+                with trio.move_on_after(math.inf if self._paced else TICK_S):
+                    await self._changed.wait()
+
+    async def _lend(self, arm: str) -> None:
+        """Let the person move an arm; afterwards bring it back to where the script left it, the way that it came."""
+        cell, robot = self._own_cell, self._robot
+        assert robot is not None  # since `supervise`
+        cell.robot.hold(arm, reason=StoppedByPerson(arm))
+        await cell.robot.rest(arm)
+        robot.lend(arm)
+        jaw_rad = robot.jaws_rad.get(arm)
+        hand = self.hands[arm] = Hand(cell, arm, self._limits[arm], jaw_rad)
+        cell.log.event("taken over", arm=arm)
+        try:
+            while not await self._brought_back(cell, hand):
+                self._scopes[arm] = trio.CancelScope()
+        finally:
+            self.hands.pop(arm)
+            self.latencies_s += hand.latencies_s
+        if jaw_rad is not None:
+            await cell.robot.jaw(arm, jaw_rad)
+        cell.log.event("handed back", arm=arm)
+        del self._scopes[arm]
+        self._taken.discard(arm)
+        self._change()
+
+    async def _brought_back(self, cell: Cell, hand: Hand) -> bool:
+        """Let the person move the arm until it is returned; return whether it came all the way back."""
+        with self._scopes[hand.arm]:
+            await hand.follow()
+        hand.release()
+        cell.robot.hold(hand.arm)
+        await cell.robot.rest(hand.arm)
+        try:
+            result = await cell.robot.move({hand.arm: hand.way_back()})
+        except AlreadyThere:
+            return True
+        except MotionRefused as error:
+            hand.refused = f"the way back is refused: {error}"
+            cell.log.event("refused", arm=hand.arm, reason=str(error))
+            return False
+        return result[hand.arm].done
+
+    async def work(self, cell: Cell, arms: Iterable[str]) -> None:
+        """Let the person do the whole task with these arms, until it is said to be done.
+
+        Args:
+            cell: as an agent has it, compensated or not.
+            arms: names.
+        """
+        self._works = True
+        self.hands = {arm: Hand(cell, arm, self._limits[arm]) for arm in arms}
+        try:
+            async with trio.open_nursery() as nursery:
+                for hand in self.hands.values():
+                    nursery.start_soon(hand.follow)
+                await self._done.wait()
+                nursery.cancel_scope.cancel()
+        finally:
+            self.latencies_s += [one for hand in self.hands.values() for one in hand.latencies_s]
+            self.hands, self._works = {}, False
+
+    # what the person says
+
+    def note(self, event: Mapping[str, object]) -> None:
+        """Note an event of the cell's log."""
+        self._goal_begins |= event["name"] == self._noun
+
+    def _listen(self) -> bool:
+        """Take in what was said; return whether anything was."""
+        said = list(self._hear())
+        for one in said:
+            self._take_in(one)
+        return bool(said)
+
+    def _take_in(self, said: Said) -> None:  # noqa: PLR0912  a wish each
+        hand = self.hands.get(said.arm)
+        match said.wish:
+            case Wish.YES if self._question is not None:
+                self._goal_begins = False
+                self._answer(self._question)
+            case Wish.STOP:
+                self._stop("")
+            case Wish.GO_ON:
+                self._stopped = False
+            case Wish.EMERGENCY:
+                self._stop(said.value or "a person pressed the emergency stop")
+            case Wish.LEFT if self.needed:  # nobody holds an arm any more, and what waits for somebody stops
+                self._stop("")
+            case Wish.TAKE if not self._works:
+                self._taken.add(said.arm)
+            case Wish.RETURN if said.arm in self._scopes and not self._stopped:
+                self._scopes[said.arm].cancel()
+            case Wish.HOLD if hand is not None and not self._stopped:
+                hand.hold(said.value, said.at_s, said.source)
+            case Wish.RELEASE if hand is not None:
+                hand.release(said.source)
+            case Wish.JAW if hand is not None:
+                hand.open_jaws(said.value)
+            case Wish.LEVEL:
+                self.level = said.value
+                if not self._needs_yes:
+                    self._answer(self._question)
+            case Wish.SPEED if self._paced:
+                self.speed, self._due_s = said.value, math.nan
+            case Wish.PAUSE if self._paced:
+                self._paused = said.value
+            case Wish.STEP if self._paced:
+                self._paused, self._steps = True, round(said.value / TICK_S)
+            case Wish.DONE:
+                self._done.set()
+            case _:
+                return
+        if self.cell is not None and said.wish not in (Wish.HOLD, Wish.RELEASE, Wish.SPEED, Wish.PAUSE, Wish.STEP):
+            self.cell.log.event("person", wish=said.wish.name, **({"arm": said.arm} if said.arm else {}))
+        self._change()
+
+    def _stop(self, why_ended: str) -> None:
+        """Brake all arms; a reason ends the trial."""
+        self._stopped, self._ended = True, why_ended or self._ended
+        for hand in self.hands.values():
+            hand.release()
+        if self.cell is not None:
+            for arm in self.cell.arms:
+                self.cell.robot.hold(arm, reason=StoppedByPerson(arm))
+
+    @property
+    def needed(self) -> bool:
+        """Return whether something waits for the person."""
+        return self._works or self.level is not Level.AUTONOMOUS or bool(self._taken)
+
+    def _answer(self, question: Question | None) -> None:
+        if question is not None and question is self._question:
+            self._question = None
+            question.answered.set()
+
+    def _change(self) -> None:
+        changed, self._changed = self._changed, trio.Event()
+        changed.set()
+
+    # how things stand
+
+    @property
+    def standing(self) -> Standing:
+        """Return how things stand, for the page."""
+        hands: dict[str, Any] = {}
+        for arm, hand in self.hands.items():
+            tip = hand.tip
+            hands[arm] = None if hand.held else (tip.translation_m, tip.rotation.as_quaternion())
+        refused = next((hand.refused for hand in self.hands.values() if hand.refused), "")
+        speed = self.speed if self._paced else None
+        now = Standing("", level=self.level, speed=speed, stopped=self._stopped, works=self._works, hands=hands)
+        if self._ended:
+            return replace(now, words=f"Ended: {self._ended}", colour=BAD)
+        if self._stopped:
+            return replace(now, words="Stopped: arms stay where they are until you let them go on", colour=BAD)
+        if self.hands:
+            words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle; let go to rest"
+            return replace(now, words=words, colour=WAITS if refused else GOOD)
+        if (question := self._question) is not None:
+            words = f"Waits for your yes: {question.words}"
+            return replace(now, words=words, colour=WAITS, asks=True, ghosts=question.paths_m)
+        return replace(
+            now, words="The clock stands" if self._paused else "Runs", colour=WAITS if self._paused else GOOD
+        )
+
+    @property
+    def state(self) -> Mapping[str, Any]:
+        """Return how things stand, for a device: JSON values."""
+        cell, arms = self.cell, dict[str, Any]()
+        if cell is None:
+            return {"time_s": 0.0, "arms": arms, "words": "it has not begun"}
+        for arm in cell.arms:
+            reading, q = cell.robot.read(arm), cell.robot.setpoint(arm).q
+            tip = cell.T_world_base_registered[arm] @ fk(cell.arms[arm], q)
+            arms[arm] = {
+                "position": tip.translation_m.tolist(),
+                "quaternion": tip.rotation.as_quaternion()[[1, 2, 3, 0]].tolist(),
+                "jaw": reading.jaw_rad,
+                "held": arm in self.hands and self.hands[arm].held,
+            }
+        return {"time_s": cell.clock.now_s(), "arms": arms, "words": self.standing.words}

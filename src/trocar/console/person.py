@@ -1,0 +1,32 @@
+"""A person as a method of any task: ``trocar run TASK --method person --watch``."""
+
+from __future__ import annotations
+
+from trocar.errors import InvalidInput
+from trocar.eval.method import AgentContext, Method
+
+SEAT = "person"
+"""What a console is among a cell's assistants."""
+
+
+class Person:
+    """Lets the person at the console do the task, with all arms that work, until it is said to be done.
+
+    Raises:
+        InvalidInput: nobody is at a console.
+    """
+
+    def __init__(self, context: AgentContext):
+        self._context = context
+        if SEAT not in context.cell.assistants:
+            raise InvalidInput("a person's method", "has nobody at a console", "give --watch, and open its page")
+
+    async def run(self) -> None:
+        """Wait for the person."""
+        await self._context.cell.assistants[SEAT].work(self._context.cell, self._context.arms)
+
+
+PERSON = Method("a person at the console (--watch), on raw cables", Person, attended=True)
+PERSON_CALIBRATED = Method(
+    "a person at the console (--watch), above compensated cables", Person, calibrated=True, attended=True
+)

@@ -1,0 +1,64 @@
+"""Motions that wait for a person's yes, in words and as paths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import trio
+from numpy.typing import NDArray
+
+from trocar.arms import fk
+from trocar.cell import Cell
+from trocar.geometry import shown
+from trocar.motion.bodies import MovingArm
+from trocar.motion.clearance import swept_clearance
+from trocar.trajectory import Trajectory
+
+PATH_STEP_S = 0.02
+"""Between two points of a path that is shown."""
+
+
+@dataclass(eq=False)
+class Question:
+    """What waits for a yes.
+
+    Attributes:
+        words: what is said about it.
+        paths_m: paths (n, 3) of the tips, in m of the world by the registered bases, by arm.
+        answered: set once the answer is there, or nobody waits for it any more.
+    """
+
+    words: str
+    paths_m: Mapping[str, NDArray[np.float64]]
+    answered: trio.Event = field(default_factory=trio.Event)
+
+    @classmethod
+    def about(cls, cell: Cell, motions: Mapping[str, Trajectory]) -> Question:
+        """Return the question about motions that are to start now, each from where its arm is."""
+        told, paths = list[str](), dict[str, NDArray[np.float64]]()
+        for arm, motion in motions.items():
+            tips = cell.T_world_base_registered[arm] @ fk(cell.arms[arm], motion.sample(PATH_STEP_S)[1])
+            paths[arm] = path = tips.translation_m
+            length_m, (x, y, z) = np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), 1e3 * path[-1]
+            told.append(
+                f"{arm} moves {100 * length_m:.1f} cm in {motion.duration_s:.1f} s, to {x:.0f} {y:.0f} {z:.0f} mm"
+            )
+        return cls("; ".join([*told, *_apart(cell, motions)]), paths)
+
+
+def _apart(cell: Cell, motions: Mapping[str, Trajectory]) -> list[str]:
+    """Return how far arms stay apart on the way, in a sentence, if that is known: if none of the others moves."""
+    others = [arm for arm in cell.arms if arm not in motions]
+    if len(cell.arms) < 2 or any(cell.robot.setpoint(arm).moving for arm in others):
+        return []
+
+    def mover(arm: str) -> MovingArm:
+        model, base, jaw_rad = cell.arms[arm], cell.T_world_base_registered[arm], cell.robot.read(arm).jaw_rad
+        if arm in motions:
+            return MovingArm(model, motions[arm], base, 0.0, jaw_rad)
+        return MovingArm.resting(model, cell.robot.setpoint(arm).q, base, jaw_rad)
+
+    clear = swept_clearance({arm: mover(arm) for arm in motions}, others={arm: mover(arm) for arm in others})
+    return [f"arms stay {shown(max(0.0, clear.distance_m), 'm', '.0f')} apart"]

@@ -1,0 +1,183 @@
+"""The page of a run: it stays open from trial to trial, and its person is beside each of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from trocar.cell import Cell
+from trocar.console.console import Console
+from trocar.console.inputs import Inputs
+from trocar.console.person import SEAT
+from trocar.errors import InvalidInput
+from trocar.eval.config import RunConfig
+from trocar.eval.sight import sight_of
+from trocar.hardware.laboratory import HardwareLaboratory
+from trocar.log import Sighting
+from trocar.perception.depth import project
+from trocar.perception.image import RgbdImage
+from trocar.registry import Lazy
+from trocar.replay import painted
+from trocar.sim.laboratory import SimLaboratory
+from trocar.view.console_view import ConsoleMoment, ConsoleView, Level, Said, Wish
+from trocar.view.live import Moment, Picture, Scene
+from trocar.view.live_page import LivePage, Say
+
+EVERY_S = 0.03
+"""Time between two moments, of the wall clock: three ticks at its own pace."""
+IMAGE_PX = 480
+"""Width of an image on the page, or less."""
+
+
+class Watch:
+    """A page beside a run: an attendant of its trials, and a context manager, with which the page ends.
+
+    Args:
+        level: what a script needs a yes for.
+        speed: seconds of the cell's clock a second; 0: no limit.
+        port: as ``LiveView`` takes it; None: no page.
+        inputs: port on which devices may move arms (``Inputs``); None: none may.
+        told: is told the page's address, and that of the devices, once they are open.
+
+    Attributes:
+        console: of the trial that runs, or ran last.
+        latencies_s: from a hand to the set-point, of all trials.
+    """
+
+    def __init__(
+        self,
+        level: Level = Level.AUTONOMOUS,
+        speed: float = 1.0,
+        port: int | None = 8080,
+        inputs: int | None = None,
+        told: Callable[[str], None] = lambda address: None,
+    ):
+        self._port, self._told_address = port, told
+        self._page: LivePage | None = None
+        self._inputs = None if inputs is None else Inputs(inputs, lambda: self._state)
+        self._state: Mapping[str, Any] = {"arms": {}}
+        self.console, self.latencies_s = Console(level, speed), []
+        self._due_s, self._trials = 0.0, 0
+
+    def __enter__(self) -> Watch:
+        if self._inputs is not None:
+            self._inputs.__enter__()
+            self._told_address(f"tcp://127.0.0.1:{self._inputs.port} for devices")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._inputs is not None:
+            self._inputs.__exit__()
+        if self._page is not None:
+            self._page.__exit__(kind, error, traceback)
+
+    @property
+    def address(self) -> str:
+        """Return where a browser finds the page; empty before the first trial."""
+        return "" if self._page is None else f"http://127.0.0.1:{self._page.port}"
+
+    def attend(self, config: RunConfig, laboratory: SimLaboratory | HardwareLaboratory) -> None:
+        """Come to the laboratory of a trial; open the page if this is the first."""
+        self._sight, self._trials = sight_of(laboratory), self._trials + 1
+        self._flaws = {} if config.robot else config.about()["flaws"]
+        difficulty = () if config.robot else (f"flaws: {', '.join(config.how_difficult)}",)
+        self._clock = ", ".join([f"trial {self._trials}", *difficulty])
+        scenery = replace(self._sight.scenery, solids=painted(self._sight.scenery.solids, _colours(config)))
+        simulated = laboratory if isinstance(laboratory, SimLaboratory) else None
+        limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
+        console = Console(
+            self.console.level,
+            self.console.speed,
+            noun=config.task.goal_noun,
+            hear=self._hear,
+            show=self._show,
+            paced=simulated is not None,
+            over=lambda: simulated is not None and simulated.interrupted,
+        )
+        console.latencies_s = self.latencies_s
+        self.console, self._scene = console, scenery
+        laboratory.wrap_robot(lambda cell: console.supervise(cell, limits))
+        seated = {**laboratory.cell.assistants, SEAT: console}
+        laboratory.cell = replace(laboratory.cell, assistants=seated)
+        if self._page is None and self._port is not None:
+            title = " ".join(part for part in (config.task.name, config.task.variant, config.method) if part)
+            page = LivePage(scenery, title, self._moment(), self._port, opens=opened)
+            self._page = page.__enter__()
+            self._scene = None
+            self._told_address(self.address)
+
+    async def wait(self, now_s: float) -> None:
+        """Return when the next tick may begin."""
+        await self.console.wait(now_s)
+
+    async def serve(self, cell: Cell) -> None:
+        """Do what the person asks for."""
+        await self.console.serve(cell)
+
+    def heard(self, event: Mapping[str, object]) -> None:
+        """Hear an event of the log."""
+        self.console.note(event)
+
+    @property
+    def asks(self) -> bool:
+        """Return whether a motion waits for a yes."""
+        return self.console.asks
+
+    def _hear(self) -> list[Said]:
+        heard = self._page.said() if self._page else []
+        if self._page is not None and self._page.ended and self.console.needed:
+            heard.append(Said(Wish.EMERGENCY, value="the process that shows the page has ended"))
+        return [*heard, *(self._inputs.said() if self._inputs else [])]
+
+    def _show(self) -> None:
+        if self._inputs is not None:
+            self._state = self.console.state
+        now = time.monotonic()
+        if self._page is not None and now >= self._due_s and self._page.waits:
+            self._due_s = max(self._due_s + EVERY_S, now)
+            self._page.show(self._moment())
+
+    def _moment(self) -> ConsoleMoment:
+        seen, scene, self._scene = self._sight.look(), self._scene, None
+        return ConsoleMoment(
+            seen.time_s,
+            seen.arrays,
+            clock=self._clock,
+            events=seen.events,
+            contacts=seen.contacts,
+            spans=seen.spans,
+            begun=seen.begun,
+            flaws=self._flaws,
+            standing=self.console.standing,
+            images=tuple(picture(name, found) for name, found in self._sight.images().items()),
+            scene=scene,
+        )
+
+
+def picture(camera: str, found: Sighting) -> Picture:
+    """Return an image, the left one of a pair, as the page shows it, with what perception found in it."""
+    image = found.image
+    color, lens = (image.color, image.intrinsics) if isinstance(image, RgbdImage) else (image.left, image.rig.left)
+    thin = -(-color.shape[1] // IMAGE_PX)
+    outlines_px = {name: project(lens, m) / thin for name, m in found.outlines_m.items()}
+    said = f"taken at {image.time_s:.2f} s" + (f"; found: {', '.join(outlines_px)}" if outlines_px else "")
+    return Picture(camera, np.ascontiguousarray(color[::thin, ::thin]), said, outlines_px)
+
+
+def opened(scene: Scene, title: str, moment: Moment, port: int, say: Say) -> ConsoleView:
+    """Open the page, in its process."""
+    if not isinstance(moment, ConsoleMoment):
+        raise InvalidInput("a console's page", f"got {type(moment).__name__}", "give a ConsoleMoment")
+    return ConsoleView(scene, title, moment, port, say)
+
+
+def _colours(config: RunConfig) -> Mapping[str, tuple[float, float, float]]:
+    report = type(config.task).report
+    return getattr(report.load() if isinstance(report, Lazy) else report, "colours", {})

@@ -1,0 +1,158 @@
+"""What is to be seen of a laboratory at this moment, for pages that show it live."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, astuple
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.eval.scenery import Scenery, contact_of
+from trocar.eval.staged import Photographer, scenery_of
+from trocar.hardware.laboratory import HardwareLaboratory, registered
+from trocar.lab import Station
+from trocar.log import Sighting
+from trocar.perception.image import Image
+from trocar.replay import Contact
+from trocar.robots import TICK_S
+from trocar.sim.laboratory import SimLaboratory
+from trocar.sim.record import fixed_poses, solids_of
+from trocar.sim.world import World
+
+STRONGEST_S = 0.1
+"""A contact is told so much later, with its largest force until then."""
+
+
+class Seen(NamedTuple):
+    """A laboratory at one time.
+
+    Attributes:
+        time_s: of its clock.
+        arrays: one row each, named as those of a trial.
+        events: of its log, each told once.
+        spans: of its log (arm, name, start_s, end_s), each told once.
+        begun: those that have not ended: arm, name, start_s.
+        contacts: each told once; simulator truth.
+    """
+
+    time_s: float
+    arrays: Mapping[str, NDArray[np.float64]]
+    events: tuple[Mapping[str, object], ...]
+    spans: tuple[tuple[str, str, float, float], ...]
+    begun: tuple[tuple[str, str, float], ...]
+    contacts: tuple[Contact, ...] = ()
+
+
+class Sight(Protocol):
+    """What sees a laboratory.
+
+    Attributes:
+        scenery: what does not change, without images.
+    """
+
+    scenery: Scenery
+
+    def look(self) -> Seen:
+        """Return the laboratory as it is now, with the events and contacts since the last call."""
+        ...
+
+    def images(self) -> Mapping[str, Sighting]:
+        """Return the last image of each camera that is new, or in which something was found, since the last call."""
+        ...
+
+
+class SimSight:
+    """Sees a simulated laboratory; simulator truth."""
+
+    def __init__(self, laboratory: SimLaboratory):
+        self.scenery = scenery_of(laboratory)
+        self._laboratory, self._news, self._until_s = laboratory, _News(laboratory), -1.0
+
+    def look(self) -> Seen:
+        """Return the laboratory as it is now, with the events and contacts since the last call."""
+        laboratory, since_s = self._laboratory, self._until_s
+        now_s = laboratory.now_s()
+        self._until_s = now_s - STRONGEST_S
+        touches = laboratory.contacts.collisions(since_s, self._until_s)
+        arrays = {name: row for name, row in laboratory.recorder.arrays(-1).items() if not name.startswith("desired_")}
+        return Seen(now_s, arrays, *self._news.log(), tuple(contact_of(asdict(touch)) for touch in touches))
+
+    def images(self) -> Mapping[str, Sighting]:
+        """Return the last image of each camera that is new, or in which something was found, since the last call."""
+        return self._news.images()
+
+
+class RobotSight:
+    """Sees real arms, as their encoders read; nobody knows more."""
+
+    def __init__(self, laboratory: HardwareLaboratory):
+        self.scenery = robot_scenery(laboratory.station)
+        self._laboratory, self._news = laboratory, _News(laboratory)
+
+    def look(self) -> Seen:
+        """Return the laboratory as it is now, with the events since the last call."""
+        arrays = {}
+        for arm in self._laboratory.robot.names:
+            now = self._laboratory.robot.report(arm)
+            arrays[f"commanded_{arm}"] = now.sent[None]
+            arrays[f"measured_{arm}"] = np.append(now.reading.q, now.reading.jaw_rad)[None]
+        return Seen(self._laboratory.cell.clock.now_s(), arrays, *self._news.log())
+
+    def images(self) -> Mapping[str, Sighting]:
+        """Return the last image of each camera that is new, or in which something was found, since the last call."""
+        return self._news.images()
+
+
+def sight_of(laboratory: SimLaboratory | HardwareLaboratory) -> Sight:
+    """Return what sees a laboratory."""
+    return SimSight(laboratory) if isinstance(laboratory, SimLaboratory) else RobotSight(laboratory)
+
+
+def robot_scenery(station: Station) -> Scenery:
+    """Return what is known of real arms beforehand: their shapes, and their bases as registered."""
+    bases = {name: registered(arm) for name, arm in station.arms.items()}
+    world = World(station.models, bases)
+    for name, arm in station.arms.items():
+        world.place_arm(name, arm.park_q(), arm.model.jaw.lower)  # which computes the poses of all bodies
+    return Scenery(
+        solids=solids_of(world),
+        T_world_body=fixed_poses(world),
+        arms=station.models,
+        T_world_base={},
+        T_world_base_registered=bases,
+        cameras={},
+        tick_s=TICK_S,
+    )
+
+
+class _News:
+    """What a laboratory's log and cameras have that was not told yet."""
+
+    def __init__(self, laboratory: SimLaboratory | HardwareLaboratory):
+        self._log, self._cameras = laboratory.log, laboratory.cameras
+        self._events, self._spans = 0, 0
+        self._shown: dict[str, tuple[Image, Sighting | None]] = {}
+
+    def log(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+        """Return new events and spans, and the spans that have begun."""
+        events = tuple(self._log.events[self._events :])
+        spans = tuple(astuple(span) for span in self._log.spans[self._spans :])
+        self._events, self._spans = self._events + len(events), self._spans + len(spans)
+        return events, spans, tuple(self._log.begun)
+
+    def images(self) -> Mapping[str, Sighting]:
+        found: dict[str, Sighting] = {}
+        for name, camera in self._cameras.items():
+            sighting = self._log.sightings.get(name)
+            images = [
+                *(camera.taken[-1:] if isinstance(camera, Photographer) else ()),
+                *([sighting.image] if sighting else []),
+            ]
+            image = max(images, key=lambda image: image.time_s, default=None)
+            newest = sighting if sighting is not None and sighting.image is image else None
+            if image is not None and self._shown.get(name) != (image, newest):
+                self._shown[name] = image, newest
+                found[name] = newest or Sighting(image, {})
+        return found

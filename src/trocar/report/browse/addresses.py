@@ -1,0 +1,33 @@
+"""Addresses of the pages, which follow the folders of runs, and of moments in a replay."""
+
+from __future__ import annotations
+
+from urllib.parse import quote, urlencode
+
+from trocar.report.browse.shelf import Run
+
+ALL = "/"
+REPORT, REPLAY = "report.html", "replay.html"
+LEAD_S = 2.0
+"""A replay begins so long before the moment that is asked for, so that one sees it come."""
+
+
+def of_run(run: Run) -> str:
+    """Return the address of a run's page."""
+    return f"/runs/{quote(run.name, safe='')}/"
+
+
+def of_trial(run: Run, session: int, index: int, goal: int | None = None) -> str:
+    """Return the address of a trial's page; with a goal's number its replay begins there."""
+    asked = "" if goal is None else f"?goal={goal}"
+    return f"{of_run(run)}session_{session:02d}/trial_{index:03d}/{asked}"
+
+
+def of_pair(one: Run, two: Run) -> str:
+    """Return the address of two runs side by side."""
+    return f"/compare?{urlencode([('run', one.name), ('run', two.name)])}"
+
+
+def of_moment(time_s: float) -> str:
+    """Return the address of a replay that begins shortly before a time, from the page of its trial."""
+    return f"{REPLAY}#t={max(0.0, time_s - LEAD_S):.2f}"

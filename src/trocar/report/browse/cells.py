@@ -1,0 +1,64 @@
+"""Parts that several of the pages have: figures of a run as text, and what became of goals."""
+
+from __future__ import annotations
+
+import os
+from html import escape
+
+from trocar.eval import in_words
+from trocar.eval.trial import Trial
+from trocar.report.browse.shelf import Run
+from trocar.report.page import range_of
+from trocar.report.tables import named_failures, percent
+
+
+def how_many(run: Run) -> str:
+    """Return sessions and trials: ``3 × 2`` if each session has as many; empty without trials."""
+    if not run.figures:
+        return ""
+    sessions, trials = run.figures["sessions"], run.figures["trials"]
+    return f"{trials} in {sessions}" if trials % sessions else f"{sessions} × {trials // sessions}"
+
+
+def success(run: Run) -> str:
+    """Return the success of a run with its interval, in HTML; empty without trials."""
+    if not run.figures:
+        return ""
+    low, high = run.figures["success_ci95"]
+    rate = run.figures["success_rate"]
+    bar = "" if rate is None else range_of(rate, low, high)
+    interval = f"<span class=quiet>({100 * low:.0f} to {100 * high:.0f})</span>"
+    counts = f"{run.figures['succeeded']} of {run.figures['attempted']}"
+    return f"<span class=whole>{bar}{escape(percent(rate))} {interval} {counts}</span>"
+
+
+def remarks(run: Run) -> list[str]:
+    """Return what is wrong with a run; its folder, which stands beside them, is left out of names of files."""
+    return [said.replace(f"{run.folder}{os.sep}", "") for said in run.remarks]
+
+
+def missed(trial: Trial) -> bool:
+    """Return whether something of a trial failed: a goal, or its script."""
+    return not trial.finished or not all(score["succeeded"] for score in trial.scores)
+
+
+def came_of(trial: Trial) -> str:
+    """Return what failed in a trial, in words; empty if nothing did."""
+    attempted = [score for score in trial.scores if score["attempted"]]
+    stopped = "" if trial.finished else f"stopped: {in_words(trial.ended)}"
+    return "; ".join(filter(None, (named_failures(attempted), stopped)))
+
+
+def done(trial: Trial) -> str:
+    """Return how many goals of a trial were reached."""
+    return f"{sum(bool(score['succeeded']) for score in trial.scores)} of {len(trial.scores)}"
+
+
+def flagged(text: str) -> str:
+    """Return what went wrong, marked as such, in HTML; empty if nothing did."""
+    return f"<span class=bad>{escape(text)}</span>" if text else ""
+
+
+def whole(text: object) -> str:
+    """Return text that is not broken into lines, in HTML; empty if there is none."""
+    return f"<span class=whole>{escape(str(text))}</span>" if text else ""

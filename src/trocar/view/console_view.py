@@ -1,0 +1,310 @@
+"""A live page with controls: what a person may ask of a cell, and what the page shows of the answer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from html import escape
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.view.live import GOOD, LAST, LiveView, Moment, Picture, Scene, box, table
+from trocar.view.pulse import Pulse
+from trocar.view.stage import BOLD_PX, Rgb, add_line, css
+
+GHOST: Rgb = (255, 140, 0)
+HANDLE_M = 0.018
+"""Length of the axes of a handle."""
+CONTROLS = 0.5
+"""Place of the controls in the panel, above clock and arms."""
+SPEEDS: Mapping[str, float] = {
+    "x 0.1": 0.1,
+    "x 0.25": 0.25,
+    "x 0.5": 0.5,
+    "x 1": 1.0,
+    "x 2": 2.0,
+    "x 4": 4.0,
+    "x 8": 8.0,
+    "as fast as it can": 0.0,
+}
+"""Seconds of the cell's clock a second; 0: no limit."""
+
+
+JAWS: Mapping[str, float] = {"close": 0.0, "a third": 1 / 3, "open": 1.0}
+"""Shares of the jaws' range."""
+STEP_S = 0.1
+
+
+class Level(Enum):
+    """What a script needs a yes for."""
+
+    AUTONOMOUS = "nothing"
+    GOALS = "each goal"
+    MOTIONS = "each motion"
+
+
+class Wish(Enum):
+    """What a person asks for."""
+
+    YES = "the motion that is asked about may start"
+    STOP = "all arms brake, and stay"
+    GO_ON = "arms that were stopped go on"
+    EMERGENCY = "all arms brake, and the trial ends"
+    TAKE = "the person takes an arm"
+    RETURN = "the person returns an arm to the script"
+    HOLD = "the handle of an arm is held, and is at a pose"
+    RELEASE = "the handle of an arm is let go"
+    JAW = "the jaws of an arm open to this share of their range"
+    LEVEL = "a script needs a yes for this"
+    SPEED = "the clock runs at this speed"
+    PAUSE = "the clock stands, or runs again: whether it stands"
+    STEP = "the clock advances by this time"
+    DONE = "the person has done what there is to do"
+    LEFT = "the page that held the controls is gone, or does not answer any more"
+
+
+class Held(NamedTuple):
+    """Where an input is that a person holds.
+
+    Attributes:
+        position_m: (3,) in axes of the world.
+        wxyz: (4,) its orientation.
+        scale: metres of the tip a metre of the input: below 1, a hand's tremor shrinks with its motion.
+        turns: whether the tip turns with the input; else its orientation is locked.
+    """
+
+    position_m: NDArray[np.float64]
+    wxyz: NDArray[np.float64]
+    scale: float = 1.0
+    turns: bool = True
+
+
+@dataclass(frozen=True)
+class Said:
+    """One wish.
+
+    Attributes:
+        wish: which.
+        arm: of which arm, where it concerns one.
+        value: what the wish names.
+        at_s: monotonic clock of the machine when it was said.
+        source: who said it: empty for the page, or a device, which must speak for as long as it holds an arm.
+    """
+
+    wish: Wish
+    arm: str = ""
+    value: Any = None
+    at_s: float = field(default_factory=time.monotonic)
+    source: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """How things stand at the console.
+
+    Attributes:
+        words: in a sentence.
+        colour: of it.
+        asks: whether a motion waits for a yes.
+        stopped: whether the arms were stopped.
+        level: what a script needs a yes for.
+        speed: of the clock; None: it is no simulator's.
+        works: whether the person does the whole task, rather than a script.
+        ghosts: paths (n, 3) of the tips, in m, that wait for a yes, by arm.
+        hands: arms in the person's hands: position (3,) in m and quaternion w, x, y, z of the tip, or None while it
+            follows the person's handle.
+    """
+
+    words: str
+    colour: Rgb = GOOD
+    asks: bool = False
+    stopped: bool = False
+    level: Level = Level.AUTONOMOUS
+    speed: float | None = 1.0
+    works: bool = False
+    ghosts: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    hands: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]] | None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class ConsoleMoment(Moment):
+    """A cell at one time, with the console.
+
+    Attributes:
+        standing: how things stand.
+        images: new ones.
+        scene: of the cell from now on, in place of the one before; None: the same.
+        flaws: of the cell, in words, by what they are of.
+    """
+
+    standing: Standing = field(default_factory=lambda: Standing(""))
+    images: tuple[Picture, ...] = ()
+    scene: Scene | None = None
+    flaws: Mapping[str, str] = field(default_factory=dict)
+
+
+class ConsoleView(LiveView):
+    """A live page with controls.
+
+    Of several browsers that have it open, the one that opened it first holds the controls.
+
+    Args:
+        scene: of the cell.
+        title: of the page.
+        moment: the first one.
+        port: as ``LiveView`` takes it.
+        say: is told each wish, from the server's threads.
+
+    Attributes:
+        pulse: of the page that holds the controls; one that does not answer any more counts as gone.
+    """
+
+    def __init__(
+        self, scene: Scene, title: str, moment: ConsoleMoment, port: int = 8080, say: Callable[[Said], None] = print
+    ):
+        self._say = say
+        self._ghosts: dict[str, tuple[NDArray[np.float64], Any]] = {}
+        self._speeds = dict(SPEEDS)
+        if moment.standing.speed not in (None, *SPEEDS.values()):
+            self._speeds[f"x {moment.standing.speed:g}"] = moment.standing.speed
+        self._handles: dict[str, Any] = {}
+        super().__init__(scene, title, moment, port)
+        self.pulse = Pulse(lambda: self.server.get_clients().get(self._holder), lambda: say(Said(Wish.LEFT)))
+        self.server.on_client_disconnect(self._left)
+
+    def close(self) -> None:
+        """Stop serving."""
+        self.pulse.end()
+        super().close()
+
+    def show(self, moment: Moment) -> None:
+        """Show the next moment, with the console's standing."""
+        if isinstance(moment, ConsoleMoment) and moment.scene is not None:
+            self.begin(moment.scene)
+        super().show(moment)
+        if isinstance(moment, ConsoleMoment):
+            with self.server.atomic():
+                self._show_standing(moment.standing)
+                self._flaws.content = box(table(moment.flaws, 220))
+            for picture in moment.images:
+                self.show_image(picture)
+
+    def _add_panels(self, replay: Any) -> None:
+        super()._add_panels(replay)
+        gui = self.server.gui
+        with gui.add_folder("Console", order=CONTROLS):
+            self._words = gui.add_html("")
+            self._yes = gui.add_button("Yes, go (Y)", color="green", visible=False)
+            self._stop = gui.add_button("Stop (S)", color="orange")
+            self._go_on = gui.add_button("Go on (G)", color="green", visible=False)
+            self._emergency = gui.add_button("EMERGENCY STOP (X)", color="red")
+            self._done = gui.add_button("I have done it: end the trial", visible=False)
+            levels = {level.value: level for level in Level}
+            self._level = level = gui.add_dropdown("yes needed for", tuple(levels))
+            self._speed = speed = gui.add_dropdown("speed", tuple(self._speeds))
+            self._turns = clock = gui.add_button_group("clock", ("pause", "run", "step .1 s"))
+        for button, wish in (
+            (self._yes, Wish.YES),
+            (self._stop, Wish.STOP),
+            (self._go_on, Wish.GO_ON),
+            (self._emergency, Wish.EMERGENCY),
+            (self._done, Wish.DONE),
+        ):
+            button.on_click(lambda event, wish=wish: self._wish(event, Said(wish)))
+        clocks = {"pause": Said(Wish.PAUSE, value=True), "run": Said(Wish.PAUSE, value=False)}
+        clock.on_click(lambda event: self._wish(event, clocks.get(clock.value, Said(Wish.STEP, value=STEP_S))))
+        level.on_update(lambda event: self._wish(event, Said(Wish.LEVEL, value=levels[level.value])))
+        speed.on_update(lambda event: self._wish(event, Said(Wish.SPEED, value=self._speeds[speed.value])))
+        for command, wish in (
+            (gui.add_command("Yes, go", hotkey="Y"), Wish.YES),
+            (gui.add_command("Stop", hotkey="S"), Wish.STOP),
+            (gui.add_command("Go on", hotkey="G"), Wish.GO_ON),
+            (gui.add_command("Emergency stop", hotkey="X"), Wish.EMERGENCY),
+        ):
+            command.on_trigger(lambda event, wish=wish: self._wish(event, Said(wish)))
+        with gui.add_folder("Arms", order=CONTROLS):
+            self._arms = {arm: self._add_arm(arm) for arm in replay.tools}
+        with gui.add_folder("Flaws of this cell", order=LAST, expand_by_default=False):
+            self._flaws = gui.add_html("")
+
+    def _add_arm(self, arm: str) -> tuple[Any, Any, Any]:
+        """Add the controls of an arm: take or return it, close its jaws, open them."""
+        gui = self.server.gui
+        take = gui.add_button(f"Take over {arm}")
+        back = gui.add_button(f"Hand {arm} back", visible=False)
+        jaws = gui.add_button_group(f"jaws of {arm}", tuple(JAWS), visible=False)
+        take.on_click(lambda event: self._wish(event, Said(Wish.TAKE, arm)))
+        back.on_click(lambda event: self._wish(event, Said(Wish.RETURN, arm)))
+        jaws.on_click(lambda event: self._wish(event, Said(Wish.JAW, arm, JAWS[jaws.value])))
+        return take, back, jaws
+
+    def _wish(self, event: Any, said: Said) -> None:
+        """Pass on what the browser that holds the controls wants; values that this program sets are no wishes."""
+        if event.client is None:
+            return
+        if event.client.client_id != self._holder:
+            event.client.add_notification("Another page holds the controls", "It was opened first.")
+            return
+        self._say(said)
+
+    @property
+    def _holder(self) -> int:
+        return min(self.server.get_clients(), default=-1)
+
+    def _left(self, client: Any) -> None:
+        held = client.client_id < min(self.server.get_clients(), default=client.client_id + 1)
+        if held and client is not self.pulse.silent:
+            self._say(Said(Wish.LEFT))
+
+    def _show_standing(self, now: Standing) -> None:
+        self._words.content = box(
+            f'<div style="border-left:6px solid {css(now.colour)};padding:4px 10px">{escape(now.words)}</div>'
+        )
+        self._yes.visible, self._done.visible = now.asks, now.works
+        self._stop.visible, self._go_on.visible = not now.stopped, now.stopped
+        self._level.visible = not now.works  # no script asks
+        self._level.value = now.level.value
+        self._speed.visible = self._turns.visible = now.speed is not None
+        self._speed.value = next((name for name, speed in self._speeds.items() if speed == now.speed), "x 1")
+        for arm, (take, back, jaws) in self._arms.items():
+            held = arm in now.hands
+            take.visible, back.visible, jaws.visible = not held and not now.works, held and not now.works, held
+            self._show_handle(arm, now)
+            self._show_ghost(arm, now.ghosts.get(arm))
+
+    def _show_handle(self, arm: str, now: Standing) -> None:
+        """Put the handle of an arm to its tip, unless the person holds it; remove that of an arm that was returned."""
+        handle = self._handles.get(arm)
+        if arm not in now.hands:
+            if handle is not None:
+                self._handles.pop(arm).remove()
+            return
+        where = now.hands[arm]
+        if where is None:
+            return
+        if handle is None:
+            handle = self.server.scene.add_transform_controls(f"/handles/{arm}", HANDLE_M, depth_test=False)
+            handle.on_update(lambda event: self._moved(arm, event))
+            self._handles[arm] = handle
+        handle.position, handle.wxyz = where
+
+    def _moved(self, arm: str, event: Any) -> None:
+        handle = event.target
+        if event.phase == "end":
+            self._wish(event, Said(Wish.RELEASE, arm))
+        else:
+            self._wish(event, Said(Wish.HOLD, arm, Held(np.array(handle.position), np.array(handle.wxyz))))
+
+    def _show_ghost(self, arm: str, path_m: NDArray[np.float64] | None) -> None:
+        shown = self._ghosts.get(arm)
+        if shown is not None and path_m is not None and np.array_equal(shown[0], path_m):
+            return
+        if shown is not None:
+            self._ghosts.pop(arm)[1].remove()
+        if path_m is not None:
+            line = add_line(self.server.scene, f"/ghosts/{arm}", path_m.astype(np.float32), GHOST, BOLD_PX)
+            self._ghosts[arm] = path_m, line

@@ -1,0 +1,63 @@
+"""Where browsers look from: first, and as the shape of each one's window asks for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trocar.replay import Replay
+from trocar.view.film import Film
+from trocar.view.viewpoint import FIELD_RAD, MARGINS, Viewpoint, viewpoint
+
+if TYPE_CHECKING:
+    from viser import CameraHandle, ClientHandle, ViserServer
+
+PHONE_PX, SHEET = 576, 1.15
+"""In a window so narrow, viser's panel lies over the scene's lower part: this share of half its height."""
+TRIES, NEAR_M = 5, 1e-4
+"""A browser is told so often where to look from, until it says that it is there: it may take the initial view later."""
+
+
+def look_from(server: ViserServer, view: Viewpoint) -> None:
+    """Set the initial view of the page."""
+    camera = server.initial_camera
+    camera.position, camera.look_at, camera.up = view.eye_m, view.target_m, (0.0, 0.0, 1.0)
+    camera.fov = FIELD_RAD
+    camera.near = 0.02 * float(np.linalg.norm(view.eye_m - view.target_m))
+
+
+def frame_windows(server: ViserServer, replay: Replay, film: Film, *, live: bool) -> None:
+    """Let each browser that comes look from where all that matters fills its window."""
+
+    @server.on_client_connect
+    def come(client: ClientHandle) -> None:
+        frame = Framing(replay, film, live)
+        client.camera.on_update(frame.aim)
+        frame.aim(client.camera)
+
+
+class Framing:
+    """The viewpoint of one browser, until its person chooses another: that of its window, whenever its size changes."""
+
+    def __init__(self, replay: Replay, film: Film, live: bool) -> None:
+        self._scene, self._live = (replay, film), live
+        self._view: Viewpoint | None = None
+        self._size, self._left = (0, 0), TRIES
+
+    def aim(self, camera: CameraHandle) -> None:
+        """Take in where the browser looks from; tell it where to."""
+        view, size = self._view, (camera.image_width, camera.image_height)
+        there = view is not None and float(np.linalg.norm(camera.position - view.eye_m)) < NEAR_M
+        if not there and not self._left:
+            return  # its person looks from elsewhere
+        if size != self._size:  # as when the panel has come beside the scene
+            below = SHEET if size[0] <= PHONE_PX else MARGINS[1]
+            view = viewpoint(*self._scene, camera.aspect, live=self._live, below=below)
+            self._view, self._size, self._left = view, size, TRIES
+        elif there:
+            self._left = 0
+            return
+        assert view is not None
+        self._left -= 1
+        camera.position, camera.look_at = view.eye_m, view.target_m

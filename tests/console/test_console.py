@@ -1,0 +1,368 @@
+"""What a person at a console may do to a cell, without a page."""
+
+import numpy as np
+import pytest
+import trio
+
+from driven import ARM, HOME, PAPER, PlainArms
+from trocar.arms import fk
+from trocar.cell import Cell
+from trocar.console import Console
+from trocar.console.console import EmergencyStop
+from trocar.errors import TooNear
+from trocar.geometry import SE3, SO3
+from trocar.log import CellLog
+from trocar.motion import rest_to_rest
+from trocar.robots import ArmGuard, Guarded
+from trocar.robots.concurrency import cause_of
+from trocar.sim.laboratory import SimClock
+from trocar.view.console_view import Held, Level, Said, Wish
+
+GOAL = HOME + np.array([0.4, 0.3, -0.05, 0.8, 0.5, -0.6])
+MOTION = rest_to_rest(HOME, GOAL, PAPER).stretched(2.0)
+LIMITS = {"a": PAPER}
+
+
+class Desk:
+    """Plain arms with a console, whose person says things at times of the cell's clock."""
+
+    def __init__(self, plan=(), level=Level.AUTONOMOUS):
+        self.arms, self.plan = PlainArms(), sorted(plan, key=lambda one: one[0])
+        guard = Guarded(self.arms.driver, {"a": ArmGuard(ARM, PAPER)})
+        self.log = CellLog(self.arms.now_s)
+        base = {"a": SE3.identity()}
+        self.cell = Cell(guard, {}, {"a": ARM}, base, {}, {}, SimClock(self.arms.now_s), self.log)
+        self.console = Console(level, noun="goal", hear=self._said)
+        self.robot = self.arms.robot = self.console.supervise(self.cell, LIMITS)
+        self.arms.each_tick += [guard.check, self.console._listen]
+
+    def monotonic(self):
+        return self.arms.now_s()
+
+    def _said(self):
+        due = [said for at, said in self.plan if at <= self.arms.now_s()]
+        self.plan = self.plan[len(due) :]
+        return [said() if callable(said) else said for said in due]
+
+    def run(self, script):
+        async def both():
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self.console.serve, self.cell)
+                result = await script()
+                nursery.cancel_scope.cancel()
+                return result
+
+        try:
+            return self.arms.run(both)
+        except BaseExceptionGroup as group:
+            raise cause_of(group) from None
+
+    def move(self):
+        return self.run(lambda: self.robot.move({"a": MOTION}))
+
+    def tip(self):
+        return fk(ARM, self.arms.driver.setpoint("a").q)
+
+    def events(self, name):
+        return [event for event in self.log.events if event["name"] == name]
+
+
+def at(T, wish=Wish.HOLD):
+    return Said(wish, "a", Held(T.translation_m, T.rotation.as_quaternion()))
+
+
+def test_a_stopped_arm_goes_on_when_the_person_says_so():
+    desk = Desk([(0.5, Said(Wish.STOP)), (3.0, Said(Wish.GO_ON))])
+    assert desk.move()["a"].done
+    np.testing.assert_allclose(desk.arms.sent["a"][-1], GOAL, atol=1e-9)
+    assert desk.arms.now_s() > 3.0 and [event["wish"] for event in desk.events("person")] == ["STOP", "GO_ON"]
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_an_emergency_stop_at_any_time_brakes_within_limits_and_ends_the_trial(seed):
+    rng = np.random.default_rng(seed)
+    stop_s = rng.uniform(0, MOTION.duration_s)
+    desk = Desk([(stop_s, Said(Wish.EMERGENCY))])
+    with pytest.raises(EmergencyStop, match="emergency stop"):
+        desk.move()
+    velocity, acceleration = desk.arms.use("a")
+    assert velocity <= 1.001 and acceleration <= 1.001
+    still = np.flatnonzero(np.abs(np.diff(np.array(desk.arms.sent["a"]), axis=0)).max(1) > 1e-12).max(initial=0)
+    braking_s = np.max(PAPER.velocity / PAPER.acceleration)
+    assert still * 0.002 <= stop_s + 0.1 + braking_s
+
+
+def test_a_motion_waits_for_a_yes():
+    desk = Desk([(1.0, Said(Wish.YES))], Level.MOTIONS)
+    assert desk.move()["a"].done
+    assert desk.arms.now_s() == pytest.approx(1.0 + MOTION.duration_s, abs=0.05)
+
+
+def test_a_goal_waits_for_one_yes():
+    desk = Desk([(1.0, Said(Wish.YES)), (9.0, Said(Wish.YES))], Level.GOALS)
+    back = rest_to_rest(GOAL, HOME, PAPER)
+
+    async def script():
+        await desk.robot.move({"a": MOTION})
+        await desk.robot.move({"a": back})
+        after_first_s = desk.arms.now_s()
+        desk.console.note({"name": "goal"})
+        await desk.robot.move({"a": rest_to_rest(HOME, GOAL, PAPER)})
+        return after_first_s
+
+    after_first_s = desk.run(script)
+    assert after_first_s < 1.1 + MOTION.duration_s + back.duration_s and desk.arms.now_s() > 9.0
+
+
+def test_a_script_that_is_cancelled_asks_no_more():
+    desk = Desk([], Level.MOTIONS)
+
+    async def script():
+        with trio.move_on_after(0.3):
+            await desk.robot.move({"a": MOTION})
+        return desk.console.standing, desk.console._stands
+
+    standing, stands = desk.run(script)
+    assert not standing.asks and not stands, "the clock would stand for ever"
+
+
+def test_nothing_is_asked_any_more_once_the_script_is_trusted():
+    desk = Desk([(1.0, Said(Wish.LEVEL, value=Level.AUTONOMOUS))], Level.MOTIONS)
+    assert desk.move()["a"].done
+
+
+SHIFT = SE3.from_parts(translation_m=[0.004, -0.003, 0.002])
+
+
+def test_an_arm_that_is_taken_over_follows_the_hand_and_comes_back():
+    seen = {}
+    handle = SE3.from_parts(translation_m=[1.0, 2.0, 3.0])  # wherever the input is: only its motion counts
+
+    def note(name):
+        def say():
+            seen[name] = desk.tip()
+            return Said(Wish.JAW, "nobody")
+
+        return say
+
+    plan = [
+        (0.3, Said(Wish.TAKE, "a")),
+        (2.0, note("taken")),
+        (2.0, at(handle)),
+        (2.1, note("clutched")),
+        (2.2, at(SHIFT @ handle)),
+        (3.2, note("moved")),
+        (3.3, Said(Wish.RELEASE, "a")),
+        (3.6, at(SE3.identity())),
+        (3.8, note("clutched again")),
+        (3.9, Said(Wish.RELEASE, "a")),
+        (4.0, Said(Wish.RETURN, "a")),
+    ]
+    desk = Desk(plan)
+    assert desk.move()["a"].done
+    np.testing.assert_allclose(desk.arms.sent["a"][-1], GOAL, atol=1e-9)
+    for before, after in (("taken", "clutched"), ("moved", "clutched again")):
+        np.testing.assert_allclose(seen[before].matrix, seen[after].matrix, atol=1e-9)
+    moved = seen["moved"].translation_m - seen["taken"].translation_m
+    np.testing.assert_allclose(moved, SHIFT.translation_m, atol=1e-6)
+    assert max(desk.arms.use("a")) <= 1.001
+    assert len(desk.events("handed back")) == 1 and len(desk.console.latencies_s) == 3
+
+
+def test_while_an_arm_is_lent_its_last_motion_tells_nothing_and_afterwards_all_that_it_told_before():
+    desk = Desk(
+        [(3.0, Said(Wish.TAKE, "a")), (4.0, at(SE3.identity())), (4.1, at(SHIFT)), (6.0, Said(Wish.RETURN, "a"))]
+    )
+    seen = []
+    desk.arms.each_tick.append(lambda: seen.append(desk.robot.setpoint("a")))
+
+    async def script():
+        await desk.robot.move({"a": MOTION})
+        before = desk.robot.setpoint("a")
+        await trio.sleep(8.0)
+        return before, desk.robot.setpoint("a")
+
+    before, after = desk.run(script)
+    away = [one for one in seen if 4.5 < one.time_s < 6.0]
+    assert away and not any(one.on_path for one in away) and {one.path_s for one in away} == {before.path_s}
+    np.testing.assert_allclose(after.q, before.q, atol=1e-9)
+    assert (after.path_s, after.on_path, after.moving) == (before.path_s, before.on_path, False)
+    assert len(desk.events("handed back")) == 1
+
+
+def test_an_arm_that_is_stopped_on_its_way_back_stays_in_the_persons_hands():
+    plan = [
+        (0.1, Said(Wish.TAKE, "a")),
+        (1.0, at(SE3.identity())),
+        (1.1, at(SE3.from_parts(translation_m=[0.02, 0.0, 0.0]))),
+        (3.0, Said(Wish.RETURN, "a")),
+        (3.2, Said(Wish.STOP)),
+        (4.0, Said(Wish.RETURN, "a")),
+        (5.0, Said(Wish.GO_ON)),
+        (6.0, Said(Wish.RETURN, "a")),
+    ]
+    desk = Desk(plan)
+    still = []
+    desk.arms.each_tick.append(lambda: still.append((desk.arms.now_s(), desk.tip().translation_m)))
+    assert desk.move()["a"].done
+    (back,) = desk.events("handed back")
+    assert back["time_s"] > 6.0 and max(desk.arms.use("a")) <= 1.001
+    stopped = np.array([p for now_s, p in still if 3.8 < now_s < 5.9])
+    np.testing.assert_allclose(stopped, np.tile(stopped[0], (len(stopped), 1)), atol=1e-12)
+    np.testing.assert_allclose(desk.arms.sent["a"][-1], GOAL, atol=1e-9)
+
+
+def test_a_way_back_that_is_refused_leaves_the_arm_in_the_persons_hands(monkeypatch):
+    plan = [
+        (0.1, Said(Wish.TAKE, "a")),
+        (1.0, at(SE3.identity())),
+        (1.1, at(SHIFT)),
+        (2.0, Said(Wish.RETURN, "a")),
+        (4.0, Said(Wish.RETURN, "a")),
+    ]
+    desk = Desk(plan)
+    guard, refusals = desk.cell.robot, ["the other arm is in the way"]
+    move = guard.move
+
+    async def refusing(motions):
+        if refusals and desk.events("taken over"):
+            raise TooNear(refusals.pop(), first="a", second="b", distance_m=0.0, required_m=0.001, arms=("a", "b"))
+        return await move(motions)
+
+    monkeypatch.setattr(guard, "move", refusing)
+    told = []
+    desk.arms.each_tick.append(lambda: told.append(desk.console.standing.words))
+    assert desk.move()["a"].done
+    assert any("the way back is refused" in words for words in told)
+    assert desk.events("handed back")[0]["time_s"] > 4.0
+
+
+def test_where_the_wrist_cannot_turn_any_further_the_tip_follows_in_place():
+    turned = SE3.from_parts(SO3.exp(np.array([0.0, 2.5, 0.0])), SHIFT.translation_m)
+    desk = Desk([(0.1, at(SE3.identity())), (0.2, at(turned)), (2.0, Said(Wish.DONE))])
+    start, told = desk.tip(), []
+    desk.arms.each_tick.append(lambda: told.append(desk.console.standing.words))
+    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    assert any("turns no further" in words for words in told), set(told)
+    moved_m = desk.tip().translation_m - start.translation_m
+    np.testing.assert_allclose(moved_m, SHIFT.translation_m, atol=1e-5)
+
+
+def test_a_hand_far_outside_the_workspace_moves_nothing_and_is_told():
+    far = SE3.from_parts(translation_m=[1e6, 0.0, 0.0])
+    desk = Desk([(0.1, at(SE3.identity())), (0.2, at(far)), (0.6, Said(Wish.DONE))])
+    start, told = desk.tip(), []
+    desk.arms.each_tick.append(lambda: told.append(desk.console.standing.words))
+    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    assert any("reach" in words or "outside" in words for words in told), set(told)
+    np.testing.assert_allclose(desk.tip().matrix, start.matrix, atol=1e-6)
+
+
+def test_a_hand_that_asks_too_much_is_slowed_to_the_limits():
+    far = SE3.from_parts(translation_m=[0.03, 0.0, 0.0])
+    plan = [(0.1, Said(Wish.TAKE, "a")), (1.0, at(SE3.identity())), (1.1, at(far)), (4.0, Said(Wish.EMERGENCY))]
+    desk = Desk(plan)
+    with pytest.raises(EmergencyStop):
+        desk.move()
+    assert max(desk.arms.use("a")) <= 1.001
+
+
+def test_a_page_that_is_gone_lets_go_and_stops_what_it_supervised():
+    desk = Desk([(0.1, Said(Wish.TAKE, "a")), (1.0, at(SE3.identity())), (1.2, Said(Wish.LEFT))])
+
+    async def script():
+        with trio.move_on_after(3.0):
+            await desk.robot.move({"a": MOTION})
+        return desk.console.standing
+
+    standing = desk.run(script)
+    assert standing.stopped
+
+
+def test_a_page_that_only_watched_may_go():
+    desk = Desk([(0.1, Said(Wish.LEFT))])
+    assert desk.move()["a"].done and desk.arms.now_s() < MOTION.duration_s + 0.1
+    assert not desk.log.events, "nothing is noted of it"
+
+
+def test_jaws_close_at_once_and_open_after_a_while():
+    plan = [
+        (0.1, Said(Wish.TAKE, "a")),
+        (1.0, Said(Wish.JAW, "a", 1.0)),
+        (1.1, Said(Wish.JAW, "a", 0.0)),
+        (2.0, Said(Wish.JAW, "a", 1.0)),
+        (3.0, Said(Wish.EMERGENCY)),
+    ]
+    desk = Desk(plan)
+    jaws = []
+    desk.arms.each_tick.append(lambda: jaws.append((desk.arms.now_s(), desk.arms.driver.jaw_command_rad("a"))))
+    with pytest.raises(EmergencyStop):
+        desk.move()
+    times, opening = np.array(jaws).T
+    assert opening[times < 1.05].max() <= 0.1 + 1e-9, "a slip opened them"
+    assert opening[(times > 1.5) & (times < 2.0)].max() < 0.0, "they did not close"
+    assert opening[(times > 2.0) & (times < 2.15)].max() < 0.0 and opening[-1] > 0.5
+
+
+def test_the_person_does_the_whole_task():
+    plan = [(0.2, at(SE3.identity())), (0.3, at(SHIFT)), (2.0, Said(Wish.DONE))]
+    desk = Desk(plan)
+    start = desk.tip()
+    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    moved = desk.tip().translation_m - start.translation_m
+    np.testing.assert_allclose(moved, SHIFT.translation_m, atol=1e-6)
+
+
+def test_what_stands_tells_what_waits():
+    desk = Desk([], Level.MOTIONS)
+    told = []
+    desk.arms.each_tick.append(lambda: told.append(desk.console.standing))
+
+    async def script():
+        with trio.move_on_after(0.5):
+            await desk.robot.move({"a": MOTION})
+
+    desk.run(script)
+    assert told[10].asks and "a moves" in told[10].words
+    path = told[10].ghosts["a"]
+    np.testing.assert_allclose(path[-1], fk(ARM, GOAL).translation_m, atol=1e-9)
+
+
+def device(T, source="pad", at_s=0.0):
+    return Said(Wish.HOLD, "a", Held(T.translation_m, T.rotation.as_quaternion()), at_s, source)
+
+
+def test_a_device_that_falls_silent_lets_go(monkeypatch):
+    said = [(at_s, device(T, at_s=at_s)) for at_s, T in ((0.1, SE3.identity()), (0.2, SHIFT))]
+    desk = Desk([*said, (3.0, Said(Wish.DONE))])
+    monkeypatch.setattr("trocar.console.hand.time", desk)  # its machine's clock is the cell's
+    held = []
+    desk.arms.each_tick.append(lambda: held.append(any(hand.held for hand in desk.console.hands.values())))
+    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    assert held[30] and not held[60], "an arm is let go .3 s after its device's last word"
+
+
+def test_of_two_inputs_the_one_that_holds_an_arm_is_followed():
+    plan = [
+        (0.1, device(SE3.identity(), "")),
+        (0.2, device(SE3.from_parts(translation_m=[1.0, 1.0, 1.0]))),
+        (0.3, device(SHIFT, "")),
+        (2.0, Said(Wish.DONE)),
+    ]
+    desk = Desk(plan)
+    start = desk.tip()
+    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    moved = desk.tip().translation_m - start.translation_m
+    np.testing.assert_allclose(moved, SHIFT.translation_m, atol=1e-6)
+
+
+def test_a_scaled_hand_moves_the_tip_less_and_a_locked_one_does_not_turn_it():
+    turned = SE3.from_parts(SO3.exp(np.array([0.0, 0.0, 0.2])), SHIFT.translation_m)
+    holds = [Held(T.translation_m, T.rotation.as_quaternion(), 0.5, turns=False) for T in (SE3.identity(), turned)]
+    desk = Desk(
+        [(0.1 + 0.1 * k, Said(Wish.HOLD, "a", held)) for k, held in enumerate(holds)] + [(2.0, Said(Wish.DONE))]
+    )
+    start = desk.tip()
+    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    np.testing.assert_allclose(desk.tip().translation_m - start.translation_m, 0.5 * SHIFT.translation_m, atol=1e-6)
+    np.testing.assert_allclose(desk.tip().rotation.matrix, start.rotation.matrix, atol=1e-6)

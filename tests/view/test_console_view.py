@@ -1,0 +1,173 @@
+"""A live page with controls: what a person does in the browser arrives as wishes."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser")
+from browser import NAMES, browser, find_chromium
+from live_scene import REPLAY, MadeUpScene
+from live_scene import moment as plain
+
+from trocar.view.console_view import ConsoleMoment, ConsoleView, Level, Standing, Wish
+from trocar.view.pulse import EVERY_S
+
+pytestmark = pytest.mark.skipif(
+    find_chromium() is None, reason=f"no Chromium found ({', '.join(NAMES)}): the page is not looked at"
+)
+SIZE = (1400, 900)
+HANDLE = np.array([250, 46, 106])
+"""The colour of a handle's first axis."""
+
+
+def moment(tick, **standing):
+    now = plain(tick)
+    return ConsoleMoment(now.time_s, now.arrays, standing=Standing(**{"words": "Runs", **standing}))
+
+
+class Open:
+    """A page, the browser that shows it, and what was said there."""
+
+    def __init__(self):
+        self.said = []
+        self.view = ConsoleView(MadeUpScene(), "made up", moment(0), port=0, say=self.said.append)
+        self.tick = 100
+
+    def show(self, **standing):
+        self.tick += 1
+        self.view.show(moment(self.tick, **standing))
+
+    def press(self, page, label):
+        """Press the button with this label; return the wish that came."""
+        self.said.clear()
+        page.press(label)
+        return self.until(lambda: self.said and self.said[-1])
+
+    @staticmethod
+    def until(found, wait_s=20.0):
+        end = time.monotonic() + wait_s
+        while time.monotonic() < end:
+            if result := found():
+                return result
+            time.sleep(0.02)
+        raise TimeoutError
+
+
+@pytest.fixture(scope="module")
+def opened():
+    opened = Open()
+    with browser(*SIZE) as page:
+        page.open(f"http://127.0.0.1:{opened.view.port}")
+        page.until("document.body.innerText.includes('Stop (S)')")
+        yield opened, page
+    opened.view.close()
+
+
+@pytest.mark.parametrize(
+    ("label", "standing", "wish", "arm"),
+    [
+        ("Yes, go", {"asks": True}, Wish.YES, ""),
+        ("Stop", {}, Wish.STOP, ""),
+        ("Go on", {"stopped": True}, Wish.GO_ON, ""),
+        ("EMERGENCY", {}, Wish.EMERGENCY, ""),
+        ("I have done", {"works": True}, Wish.DONE, ""),
+        ("Take over", {}, Wish.TAKE, "psm1"),
+        ("a third", {"hands": {"psm1": (np.zeros(3), np.array([1.0, 0, 0, 0]))}}, Wish.JAW, "psm1"),
+        ("Hand", {"hands": {"psm1": (np.zeros(3), np.array([1.0, 0, 0, 0]))}}, Wish.RETURN, "psm1"),
+    ],
+)
+def test_a_button_is_there_when_it_can_be_wished_for(opened, label, standing, wish, arm):
+    opened, page = opened
+    words = f"Runs since {opened.tick}"
+    opened.show(words=words, **standing)
+    page.until(f"document.body.innerText.includes({words!r})")  # all that has changed is on the page, and stays there
+    said = opened.press(page, label)
+    assert (said.wish, said.arm) == (wish, arm) and abs(time.monotonic() - said.at_s) < 20
+
+
+def test_the_emergency_stop_has_a_key(opened):
+    opened, page = opened
+    opened.said.clear()
+    page.key("X")
+    assert opened.until(lambda: opened.said)[0].wish is Wish.EMERGENCY
+
+
+def test_words_and_levels_are_shown(opened):
+    opened, page = opened
+    opened.show(words="Waits for your yes: psm1 moves", asks=True, level=Level.MOTIONS)
+    page.until("document.body.innerText.includes('Waits for your yes: psm1 moves')")
+    page.until(f"[...document.querySelectorAll('input')].some(i => i.value === {Level.MOTIONS.value!r})")
+
+
+def test_a_handle_that_is_dragged_says_where_it_is_and_when_it_is_let_go(opened):
+    opened, page = opened
+    tip = REPLAY().tools["psm1"].p_world_driven_m[opened.tick]
+    opened.show(hands={"psm1": (tip, np.array([1.0, 0, 0, 0]))})
+
+    def axis():
+        seen = page.picture().astype(int)[:, : SIZE[0] - 560]  # well away from the panel, whose edge may be dragged too
+        return np.argwhere(np.abs(seen - HANDLE).max(-1) < 14)
+
+    opened.until(lambda: axis().size > 60)
+    pixels = axis()
+    y, x = pixels[np.argmax(np.abs(pixels - pixels.mean(0)).sum(1))]
+    opened.said.clear()
+    for step in range(-1, 9):
+        kind = "mouseMoved" if step >= 0 else "mousePressed"
+        at = {"x": float(x) + 8 * max(0, step), "y": float(y)}
+        page.call("Input.dispatchMouseEvent", type=kind, button="left", buttons=1, clickCount=1, **at)
+        time.sleep(0.1)
+    page.call("Input.dispatchMouseEvent", type="mouseReleased", button="left", clickCount=1, **at)
+    said = opened.until(lambda: opened.said and opened.said[-1].wish is Wish.RELEASE and opened.said)
+    held = [one for one in said if one.wish is Wish.HOLD]
+    assert held and {one.arm for one in said} == {"psm1"}
+    assert np.linalg.norm(held[-1].value.position_m - tip) > 1e-3
+
+
+def test_a_second_browser_may_watch_and_not_command(opened):
+    opened, _ = opened
+    opened.show()
+    opened.said.clear()
+    with browser(900, 700) as second:
+        second.open(f"http://127.0.0.1:{opened.view.port}")
+        second.until("document.body.innerText.includes('Stop (S)')")
+        with pytest.raises(TimeoutError):
+            opened.until(lambda: opened.press(second, "Stop"), 3.0)
+        second.until("document.body.innerText.includes('Another page holds the controls')")
+    time.sleep(1.0)
+    assert not opened.said, "a page that only watched is not missed"
+
+
+def test_the_page_that_held_the_controls_is_missed():
+    opened = Open()
+    with browser(900, 700) as page:
+        page.open(f"http://127.0.0.1:{opened.view.port}")
+        page.until("document.body.innerText.includes('Stop (S)')")
+        opened.said.clear()
+    assert opened.until(lambda: opened.said)[-1].wish is Wish.LEFT
+    opened.view.close()
+
+
+@pytest.mark.realtime
+def test_a_page_that_is_frozen_is_missed_once_and_used_again_afterwards():
+    opened = Open()
+    with browser(400, 300) as page:
+        page.open(f"http://127.0.0.1:{opened.view.port}")
+        page.until("document.body.innerText.includes('Stop (S)')")
+        opened.until(lambda: opened.view.pulse.limit_s < math.inf, 60.0)
+        for _ in range(50):
+            opened.show()
+            opened.tick -= 1
+            time.sleep(0.1)
+        assert not opened.said, "a page that is slow, and alive, is not missed"
+        with page.frozen():
+            began, limit_s = time.monotonic(), opened.view.pulse.limit_s + 2 * EVERY_S  # long, if it was slow until now
+            opened.until(lambda: opened.said, limit_s)
+            assert time.monotonic() - began <= limit_s
+            time.sleep(2.0)
+            assert [one.wish for one in opened.said] == [Wish.LEFT]
+        opened.until(lambda: opened.view.pulse.silent is None, 60.0)
+        assert opened.press(page, "Stop").wish is Wish.STOP
+    opened.view.close()
