@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import io
 import subprocess
+import tokenize
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 
 from declared_figures import Measurement, Record
@@ -17,7 +18,7 @@ SHOWN = 3
 
 
 def digest_of(root: Path, sources: Sequence[str]) -> str:
-    """Return a digest of the content of all source files.
+    """Return a digest of all source files: of programs without their comments and docstrings.
 
     Raises:
         TrocarError: there is none under one of the names.
@@ -35,7 +36,8 @@ def digest_of(root: Path, sources: Sequence[str]) -> str:
     for file in sorted(found):
         if not any(file.is_relative_to(other) for other in left_out):
             whole.update(f"{file.relative_to(root).as_posix()}\0".encode())
-            whole.update(hashlib.sha256(file.read_bytes()).digest())
+            content = _program(file.read_text(encoding="utf-8")).encode() if file.suffix == ".py" else file.read_bytes()
+            whole.update(hashlib.sha256(content).digest())
     return whole.hexdigest()[:16]
 
 
@@ -59,48 +61,34 @@ def why_older(root: Path, measurement: Measurement, record: Record) -> str:
     """Return in what the code has changed since a measurement; empty if in nothing."""
     if record.digest == digest_of(root, measurement.sources):
         return ""
-    changed = _git(root, "diff", "--name-only", record.commit, "--", *_pathspecs(measurement.sources))
     measured = f"measured on {record.date} at {record.commit}"
+    changed = _git(root, "diff", "--name-only", record.commit, "--", *_pathspecs(measurement.sources))
     if changed is None:
-        return f"{measured}, which this clone does not have: what has changed since is not known"
-    names: list[str] = []
-    for name in changed.split():
-        if not _same_program(root, record.commit, name):
-            names.append(name)
-        if len(names) > SHOWN:  # to know all would take half a minute
-            break
-    if not names:
-        return ""
+        return f"{measured}, which this clone does not have, from other sources"
+    names = changed.split()
     more = " and more" if len(names) > SHOWN else ""
     return f"{measured}; since then have changed: {', '.join(names[:SHOWN])}{more}"
 
 
-def _same_program(root: Path, commit: str, name: str) -> bool:
-    """Return whether a file's code is what it was then: docstrings, comments and layout may have changed."""
-    path = root / name
-    if path.suffix != ".py" or not path.is_file():
-        return False
-    before = _program(root, commit, name)
-    return before is not None and before == _tree(path.read_text(encoding="utf-8"))
+def _program(text: str) -> str:
+    """Return a program without docstrings, comments and empty lines; itself where it is none.
 
-
-@cache
-def _program(root: Path, commit: str, name: str) -> str | None:
-    """Return the code of a file at a commit; None where it was not there yet."""
-    text = _git(root, "show", f"{commit}:{name}")
-    return None if text is None else _tree(text)
-
-
-def _tree(text: str) -> str:
-    """Return a program without docstrings and comments; itself where it is none."""
+    Cut out of the text, not written anew from its tree, so that each version of Python gives the same.
+    """
     try:
         tree = ast.parse(text)
-    except SyntaxError:
+        tokens = list(tokenize.generate_tokens(io.StringIO(text).readline))
+    except (SyntaxError, tokenize.TokenError):
         return text
+    lines = text.split("\n")
+    for token in tokens:
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = lines[row - 1][:column]
     for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            node.body = [each for each in node.body if not _is_text(each)]
-    return ast.dump(tree)
+        if isinstance(node, ast.stmt) and _is_text(node) and node.end_lineno:
+            lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
+    return "\n".join(line.rstrip() for line in lines if line.strip())
 
 
 def _is_text(node: ast.stmt) -> bool:

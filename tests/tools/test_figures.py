@@ -192,8 +192,9 @@ def test_a_figure_of_older_code_fails_the_check_of_readme_and_leaves_it_when_it_
     assert "older code" not in (repository / "docs/figures.md").read_text()
 
 
-def test_comments_and_docstrings_make_no_table_older(repository, capsys):
+def test_comments_and_docstrings_make_no_table_older_even_where_the_commit_is_gone(repository, capsys):
     figures.main(["measure"], repository)
+    shutil.rmtree(repository / ".git")
     capsys.readouterr()
     (repository / "code.py").write_text(f'"""Counts drops."""\n{CODE}\n# Faster than before.\n')
     assert figures.main(["check"], repository) == 0
@@ -202,7 +203,7 @@ def test_comments_and_docstrings_make_no_table_older(repository, capsys):
 
 def test_code_that_changes_while_it_is_measured_gives_no_figure(repository, monkeypatch, capsys):
     def run(root, line):
-        (root / "code.py").write_text(CODE + f"# {line}\n")
+        (root / "code.py").write_text(CODE + f"measured = {line!r}\n")
         return '{"runs": [], "rate": 1}'
 
     monkeypatch.setattr(measure_figures, "_run", run)
