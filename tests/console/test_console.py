@@ -324,8 +324,9 @@ def test_what_stands_tells_what_waits():
 
     desk.run(script)
     assert told[10].asks and "a moves" in told[10].words
-    path = told[10].ghosts["a"]
-    np.testing.assert_allclose(path[-1], fk(ARM, GOAL).translation_m, atol=1e-9)
+    ghost = told[10].ghosts["a"]
+    np.testing.assert_allclose(ghost.path_m[-1], fk(ARM, GOAL).translation_m, atol=1e-9)
+    np.testing.assert_allclose(ghost.q, GOAL, atol=1e-9)
 
 
 def device(T, source="pad", at_s=0.0):

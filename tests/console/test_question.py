@@ -35,7 +35,9 @@ def test_it_says_how_far_how_long_and_where_to():
     assert far == pytest.approx(100 * np.linalg.norm(np.diff(tips_m, axis=0), axis=1).sum(), abs=0.06)
     assert lasts == pytest.approx(MOTION.duration_s, abs=0.05)
     np.testing.assert_allclose(end, 1e3 * tips_m[-1], atol=0.51)
-    np.testing.assert_allclose(question.paths_m["a"][-1], tips_m[-1], atol=1e-9)
+    np.testing.assert_allclose(question.ghosts["a"].path_m[-1], tips_m[-1], atol=1e-9)
+    np.testing.assert_allclose(question.ghosts["a"].q, GOAL, atol=1e-9)
+    assert question.ghosts["a"].jaw_rad == 0.3
 
 
 def test_it_says_how_near_the_arms_come():

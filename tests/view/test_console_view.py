@@ -11,7 +11,9 @@ from browser import NAMES, browser, find_chromium
 from live_scene import REPLAY, MadeUpScene
 from live_scene import moment as plain
 
-from trocar.view.console_view import ConsoleMoment, ConsoleView, Level, Standing, Wish
+from trocar.arms import ARMS, fk
+from trocar.geometry import SE3
+from trocar.view.console_view import ConsoleMoment, ConsoleView, Ghost, Level, Standing, Wish
 from trocar.view.pulse import EVERY_S
 
 pytestmark = pytest.mark.skipif(
@@ -124,6 +126,30 @@ def test_a_handle_that_is_dragged_says_where_it_is_and_when_it_is_let_go(opened)
     held = [one for one in said if one.wish is Wish.HOLD]
     assert held and {one.arm for one in said} == {"psm1"}
     assert np.linalg.norm(held[-1].value.position_m - tip) > 1e-3
+
+
+def test_the_instrument_is_drawn_where_a_motion_would_bring_it_until_that_is_answered(opened):
+    opened, page = opened
+    arm = ARMS["psm-classic"]
+    q = np.array([0.2, 0.1, 0.12, 0.0, 0.2, 0.1])
+    tip_m = REPLAY().tools["psm1"].p_world_driven_m[opened.tick]
+    base = SE3.from_parts(translation_m=tip_m - fk(arm, q).translation_m)
+
+    def seen():
+        return page.picture().astype(int)[:, : SIZE[0] - 560]
+
+    def tinted(before):
+        """Return how many pixels that were grey have a colour now."""
+        return int(((np.ptp(before, axis=-1) < 12) & (np.ptp(seen(), axis=-1) > 30)).sum())
+
+    opened.show(words="Runs again")
+    opened.until(lambda: (np.ptp(seen(), axis=-1) > 100).mean() > 0.3)  # the scene is there: its board is red
+    opened.until(lambda: tinted(seen()) == 0)  # and has faded in
+    before = seen()
+    opened.show(words="Waits", asks=True, ghosts={"psm1": Ghost(arm, base, tip_m + np.zeros((2, 3)), q, 0.5)})
+    opened.until(lambda: tinted(before) > 12_000)
+    opened.show(words="Goes")
+    opened.until(lambda: tinted(before) < 6_000)
 
 
 def test_a_second_browser_may_watch_and_not_command(opened):

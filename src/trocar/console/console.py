@@ -331,7 +331,7 @@ class Console:
             return replace(now, words=words, colour=WAITS if refused else GOOD)
         if (question := self._question) is not None:
             words = f"Waits for your yes: {question.words}"
-            return replace(now, words=words, colour=WAITS, asks=True, ghosts=question.paths_m)
+            return replace(now, words=words, colour=WAITS, asks=True, ghosts=question.ghosts)
         return replace(
             now, words="The clock stands" if self._paused else "Runs", colour=WAITS if self._paused else GOOD
         )

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import trio
-from numpy.typing import NDArray
 
 from trocar.arms import fk
 from trocar.cell import Cell
@@ -15,6 +14,7 @@ from trocar.geometry import shown
 from trocar.motion.bodies import MovingArm
 from trocar.motion.clearance import swept_clearance
 from trocar.trajectory import Trajectory
+from trocar.view.console_view import Ghost
 
 PATH_STEP_S = 0.02
 """Between two points of a path that is shown."""
@@ -26,26 +26,27 @@ class Question:
 
     Attributes:
         words: what is said about it.
-        paths_m: paths (n, 3) of the tips, in m of the world by the registered bases, by arm.
+        ghosts: the motions, by arm.
         answered: set once the answer is there, or nobody waits for it any more.
     """
 
     words: str
-    paths_m: Mapping[str, NDArray[np.float64]]
+    ghosts: Mapping[str, Ghost]
     answered: trio.Event = field(default_factory=trio.Event)
 
     @classmethod
     def about(cls, cell: Cell, motions: Mapping[str, Trajectory]) -> Question:
         """Return the question about motions that are to start now, each from where its arm is."""
-        told, paths = list[str](), dict[str, NDArray[np.float64]]()
+        told, ghosts = list[str](), dict[str, Ghost]()
         for arm, motion in motions.items():
-            tips = cell.T_world_base_registered[arm] @ fk(cell.arms[arm], motion.sample(PATH_STEP_S)[1])
-            paths[arm] = path = tips.translation_m
+            model, T_world_base, q = cell.arms[arm], cell.T_world_base_registered[arm], motion.sample(PATH_STEP_S)[1]
+            path = (T_world_base @ fk(model, q)).translation_m
+            ghosts[arm] = Ghost(model, T_world_base, path, q[-1], cell.robot.read(arm).jaw_rad)
             length_m, (x, y, z) = np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), 1e3 * path[-1]
             told.append(
                 f"{arm} moves {100 * length_m:.1f} cm in {motion.duration_s:.1f} s, to {x:.0f} {y:.0f} {z:.0f} mm"
             )
-        return cls("; ".join([*told, *_apart(cell, motions)]), paths)
+        return cls("; ".join([*told, *_apart(cell, motions)]), ghosts)
 
 
 def _apart(cell: Cell, motions: Mapping[str, Trajectory]) -> list[str]:

@@ -12,11 +12,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.arms import ArmModel
+from trocar.geometry import SE3
+from trocar.view.instrument import Instrument
 from trocar.view.live import GOOD, LAST, LiveView, Moment, Picture, Scene, box, table
 from trocar.view.pulse import Pulse
 from trocar.view.stage import BOLD_PX, Rgb, add_line, css
 
 GHOST: Rgb = (255, 140, 0)
+CLEAR = 0.35
+"""Opacity of an instrument where a motion would bring it."""
 HANDLE_M = 0.018
 """Length of the axes of a handle."""
 CONTROLS = 0.5
@@ -102,6 +107,24 @@ class Said:
     source: str = ""
 
 
+class Ghost(NamedTuple):
+    """A motion that waits for a yes.
+
+    Attributes:
+        arm: whose it is.
+        T_world_base: registered pose of that arm's base.
+        path_m: (n, 3) path of its tip in the world.
+        q: (6,) joints at its end.
+        jaw_rad: opening of the jaws now.
+    """
+
+    arm: ArmModel
+    T_world_base: SE3
+    path_m: NDArray[np.float64]
+    q: NDArray[np.float64]
+    jaw_rad: float
+
+
 @dataclass(frozen=True, eq=False)
 class Standing:
     """How things stand at the console.
@@ -114,7 +137,7 @@ class Standing:
         level: what a script needs a yes for.
         speed: of the clock; None: it is no simulator's.
         works: whether the person does the whole task, rather than a script.
-        ghosts: paths (n, 3) of the tips, in m, that wait for a yes, by arm.
+        ghosts: motions that wait for a yes, by arm.
         hands: arms in the person's hands: position (3,) in m and quaternion w, x, y, z of the tip, or None while it
             follows the person's handle.
     """
@@ -126,7 +149,7 @@ class Standing:
     level: Level = Level.AUTONOMOUS
     speed: float | None = 1.0
     works: bool = False
-    ghosts: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    ghosts: Mapping[str, Ghost] = field(default_factory=dict)
     hands: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]] | None] = field(default_factory=dict)
 
 
@@ -167,7 +190,7 @@ class ConsoleView(LiveView):
         self, scene: Scene, title: str, moment: ConsoleMoment, port: int = 8080, say: Callable[[Said], None] = print
     ):
         self._say = say
-        self._ghosts: dict[str, tuple[NDArray[np.float64], Any]] = {}
+        self._ghosts: dict[str, tuple[Ghost, Any, Instrument]] = {}
         self._speeds = dict(SPEEDS)
         if moment.standing.speed not in (None, *SPEEDS.values()):
             self._speeds[f"x {moment.standing.speed:g}"] = moment.standing.speed
@@ -299,12 +322,18 @@ class ConsoleView(LiveView):
         else:
             self._wish(event, Said(Wish.HOLD, arm, Held(np.array(handle.position), np.array(handle.wxyz))))
 
-    def _show_ghost(self, arm: str, path_m: NDArray[np.float64] | None) -> None:
+    def _show_ghost(self, arm: str, ghost: Ghost | None) -> None:
+        """Draw the path of a motion, and the instrument at its end; remove those of an earlier one."""
         shown = self._ghosts.get(arm)
-        if shown is not None and path_m is not None and np.array_equal(shown[0], path_m):
+        if shown is not None and ghost is not None and np.array_equal(shown[0].path_m, ghost.path_m):
             return
         if shown is not None:
-            self._ghosts.pop(arm)[1].remove()
-        if path_m is not None:
-            line = add_line(self.server.scene, f"/ghosts/{arm}", path_m.astype(np.float32), GHOST, BOLD_PX)
-            self._ghosts[arm] = path_m, line
+            for drawn in self._ghosts.pop(arm)[1:]:
+                drawn.remove()
+        if ghost is None:
+            return
+        scene, name = self.server.scene, f"/ghosts/{arm}"
+        line = add_line(scene, name, ghost.path_m.astype(np.float32), GHOST, BOLD_PX)
+        there = Instrument(scene, f"{name} there", ghost.arm, GHOST, GHOST, opacity=CLEAR, cast_shadow=False)
+        there.show(ghost.T_world_base, ghost.q, ghost.jaw_rad)
+        self._ghosts[arm] = ghost, line, there

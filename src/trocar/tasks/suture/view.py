@@ -11,18 +11,18 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, frames, ik_unbounded
+from trocar.arms import ArmModel, ik_unbounded
 from trocar.errors import InvalidValue, OutOfReach
 from trocar.geometry import SE3, SO3, TURN
 from trocar.report.style import PATHS
 from trocar.tasks.suture.planning import DexterityMap, Needle, Suture, SuturePlan, sutures_at
 from trocar.tasks.suture.planning.primitive import ROLL, needle_poses, steps, tip_poses, unwound
 from trocar.tasks.suture.report.circle import texture
-from trocar.view import mesh
+from trocar.view.instrument import Instrument, put
 from trocar.view.mesh import Mesh, tube
 from trocar.view.server import close_server, open_server
 
-STEEL, DARK, GOLD, TISSUE, INK = (170, 176, 184), (92, 98, 106), (214, 150, 30), (222, 150, 135), (60, 60, 60)
+GOLD, TISSUE, INK = (214, 150, 30), (222, 150, 135), (60, 60, 60)
 OPEN_RAD = math.radians(40.0)
 """Opening of the jaws while they move back along the needle; for drawing only."""
 LABEL_M = 0.004  # distance of an arrow's number from the middle of the arrow, outwards
@@ -153,16 +153,10 @@ class PlanView:
 
     def _draw(self, number: int, place: int) -> None:
         """Update needle, arm and text."""
-        motion, arm = self.motions[number], self.setup.arm
-        T_world_frame = self.setup.T_world_base @ frames(arm, motion.q[place])
+        motion = self.motions[number]
         with self.server.atomic():
-            _move(self._needle, motion.T_world_needle[place])
-            for node, frame in ((self._shaft, 4), (self._wrist, 5), (self._jaws, 7)):
-                _move(node, T_world_frame[frame])
-            for finger, side in zip(self._fingers, (0.5, -0.5), strict=True):
-                turn = SO3.axis("y", -side * motion.opening_rad[place])
-                half = SO3.identity() if side > 0 else SO3.axis("z", math.pi)
-                _move(finger, SE3.from_parts(turn @ half, [0.0, 0.0, arm.tip_length_m]))
+            put(self._needle, motion.T_world_needle[place])
+            self._instrument.show(self.setup.T_world_base, motion.q[place], motion.opening_rad[place])
             reward = self.plan.rewards[number]
             self._text.content = f"Reward {reward:.3f}. Step: **{motion.step[place]}**\n\n{motion.joint_table(place)}"
 
@@ -185,15 +179,12 @@ class PlanView:
             scene.add_label(f"/circle/label_{number}", f"{number}", position=(*beside.tolist(), 1e-3))
 
     def _draw_arm(self) -> None:
-        """Add remote centre, shaft, wrist, jaws and needle to the scene; ``show`` places them."""
-        arm, scene = self.setup.arm, self.server.scene
+        """Add remote centre, instrument and needle to the scene; ``show`` places them."""
+        scene = self.server.scene
         centre = tuple(self.setup.T_world_base.translation_m.tolist())
         scene.add_icosphere("/remote_centre", radius=0.004, color=GOLD, position=centre)
         scene.add_label("/remote_centre/label", "remote centre")
-        self._shaft = self._add("/arm/shaft", mesh.shaft(arm), DARK)
-        self._wrist = self._add("/arm/wrist", mesh.wrist_link(arm), STEEL)
-        self._jaws = scene.add_frame("/arm/jaws", show_axes=False)
-        self._fingers = [self._add(f"/arm/jaws/{side}", mesh.finger(arm), STEEL) for side in ("left", "right")]
+        self._instrument = Instrument(scene, "/arm", self.setup.arm)
         self._needle = self._add("/needle", needle_mesh(self.setup.needle), GOLD)
 
     def _add_controls(self) -> None:
@@ -236,8 +227,3 @@ def needle_mesh(needle: Needle) -> Mesh:
     radii = np.full(len(line), needle.wire_m / 2)
     radii[:3] *= [0.05, 0.45, 0.85]
     return tube(line, radii, sides=12)
-
-
-def _move(node: Any, T: SE3) -> None:
-    """Set the pose of a scene node in its parent."""
-    node.wxyz, node.position = T.rotation.as_quaternion(), T.translation_m
