@@ -215,6 +215,10 @@ class NoPlan(MotionRefused):
         super().__init__(reason)
 
 
+class EmergencyStop(TrocarError):
+    """A person ended the trial, and the run that it is of."""
+
+
 class ArmStopped(TrocarError):
     """An arm, of this name, did not reach the end of its motion, and is not used again."""
 

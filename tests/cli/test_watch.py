@@ -7,13 +7,14 @@ import pytest
 
 from trocar.console import Watch
 from trocar.console.person import SEAT
+from trocar.errors import EmergencyStop
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.view.console_view import Level, Said, Wish
 
-SHORT = ("--transfers", "1")
+SHORT, POLICY = ("--transfers", "1"), "builtins:repr"
 
 
 @pytest.mark.parametrize(
@@ -26,6 +27,7 @@ SHORT = ("--transfers", "1")
         (("--watch", "--speed", "-1"), "above 0"),
         (("--watch", "--confirm", "everything"), "goals, motions"),
         (("--method", "person-calibrated"), "give --watch"),
+        (("--watch", "--confirm", "motions", "--method", "policy", "--policy", POLICY), "a policy streams"),
         (("--watch", "--speed", "2", "--robot", "crtk:peg-transfer", "--method", "uncalibrated"), "simulated cell"),
     ],
 )
@@ -73,7 +75,10 @@ def test_an_emergency_stop_keeps_the_trial_with_its_reason(tmp_path):
             return [Said(Wish.EMERGENCY)] if self.console.cell.clock.now_s() > 1.0 else []
 
     with Frightened(speed=0.0, port=None) as watch:
-        trial = run_trial(config, prepare(config, 0, tmp_path), 0, attendant=watch)
+        prepared = prepare(config, 0, tmp_path)
+        trial = run_trial(config, prepared, 0, attendant=watch)
+        with pytest.raises(EmergencyStop, match="the run ends here"):
+            run_trial(config, prepared, 1, attendant=watch)
     assert (trial.ended, trial.reason) == ("FAULT", "a person pressed the emergency stop")
     assert trial.duration_s < 2.0 and not trial.scores[0]["succeeded"]
 

@@ -8,8 +8,7 @@ from driven import ARM, HOME, PAPER, PlainArms
 from trocar.arms import fk
 from trocar.cell import Cell
 from trocar.console import Console
-from trocar.console.console import EmergencyStop
-from trocar.errors import TooNear
+from trocar.errors import EmergencyStop, TooNear
 from trocar.geometry import SE3, SO3
 from trocar.log import CellLog
 from trocar.motion import rest_to_rest
@@ -26,13 +25,13 @@ LIMITS = {"a": PAPER}
 class Desk:
     """Plain arms with a console, whose person says things at times of the cell's clock."""
 
-    def __init__(self, plan=(), level=Level.AUTONOMOUS):
+    def __init__(self, plan=(), level=Level.AUTONOMOUS, stopped=False):
         self.arms, self.plan = PlainArms(), sorted(plan, key=lambda one: one[0])
         guard = Guarded(self.arms.driver, {"a": ArmGuard(ARM, PAPER)})
         self.log = CellLog(self.arms.now_s)
         base = {"a": SE3.identity()}
         self.cell = Cell(guard, {}, {"a": ARM}, base, {}, {}, SimClock(self.arms.now_s), self.log)
-        self.console = Console(level, noun="goal", hear=self._said)
+        self.console = Console(level, noun="goal", hear=self._said, stopped=stopped)
         self.robot = self.arms.robot = self.console.supervise(self.cell, LIMITS)
         self.arms.each_tick += [guard.check, self.console._listen]
 
@@ -96,6 +95,25 @@ def test_a_motion_waits_for_a_yes():
     desk = Desk([(1.0, Said(Wish.YES))], Level.MOTIONS)
     assert desk.move()["a"].done
     assert desk.arms.now_s() == pytest.approx(1.0 + MOTION.duration_s, abs=0.05)
+
+
+def test_a_yes_counts_for_the_motion_that_was_shown_and_for_no_later_one():
+    second_s = 1.0 + MOTION.duration_s + 0.5  # the next motion waits by then
+    plan = [(1.0, Said(Wish.YES, value=1)), (second_s, Said(Wish.YES, value=1)), (9.0, Said(Wish.YES, value=2))]
+    desk = Desk(plan, Level.MOTIONS)
+
+    async def script():
+        await desk.robot.move({"a": MOTION})
+        await desk.robot.move({"a": rest_to_rest(GOAL, HOME, PAPER)})
+
+    desk.run(script)
+    assert second_s < 8.0 and desk.arms.now_s() > 9.0
+
+
+def test_arms_that_were_stopped_in_one_trial_stay_stopped_in_the_next():
+    desk = Desk([(2.0, Said(Wish.GO_ON))], stopped=True)
+    assert desk.move()["a"].done
+    assert desk.arms.now_s() == pytest.approx(2.0 + MOTION.duration_s, abs=0.05)
 
 
 def test_a_goal_waits_for_one_yes():
@@ -210,6 +228,9 @@ def test_an_arm_that_is_stopped_on_its_way_back_stays_in_the_persons_hands():
     stopped = np.array([p for now_s, p in still if 3.8 < now_s < 5.9])
     np.testing.assert_allclose(stopped, np.tile(stopped[0], (len(stopped), 1)), atol=1e-12)
     np.testing.assert_allclose(desk.arms.sent["a"][-1], GOAL, atol=1e-9)
+    home_m = still[5][1]
+    away = [np.linalg.norm(p - home_m) for now_s, p in still if 6.0 < now_s < back["time_s"]]
+    assert max(np.diff(away)) < 1e-6, "it goes back, and not out again first"
 
 
 def test_a_way_back_that_is_refused_leaves_the_arm_in_the_persons_hands(monkeypatch):
@@ -302,6 +323,35 @@ def test_jaws_close_at_once_and_open_after_a_while():
     assert opening[times < 1.05].max() <= 0.1 + 1e-9, "a slip opened them"
     assert opening[(times > 1.5) & (times < 2.0)].max() < 0.0, "they did not close"
     assert opening[(times > 2.0) & (times < 2.15)].max() < 0.0 and opening[-1] > 0.5
+
+
+@pytest.mark.parametrize("asked_s", [1.9, 2.1])
+def test_jaws_do_not_open_once_the_arms_are_stopped(asked_s):
+    plan = [(0.1, Said(Wish.TAKE, "a")), (asked_s, Said(Wish.JAW, "a", 1.0)), (2.0, Said(Wish.STOP))]
+    desk = Desk([*plan, (4.0, Said(Wish.EMERGENCY))])
+    with pytest.raises(EmergencyStop):
+        desk.move()
+    assert desk.arms.driver.jaw_command_rad("a") == pytest.approx(0.1)
+
+
+def test_jaws_open_though_their_input_trembles_and_a_device_fills_no_log():
+    rng = np.random.default_rng(0)
+    trembling = [
+        (at_s, Said(Wish.JAW, "a", 0.6 + rng.normal(0, 0.01), source="pad")) for at_s in np.arange(1.0, 3.0, 0.02)
+    ]
+    desk = Desk([(0.1, Said(Wish.TAKE, "a")), *trembling, (3.0, Said(Wish.EMERGENCY))])
+    with pytest.raises(EmergencyStop):
+        desk.move()
+    wide_rad = ARM.jaw.upper
+    assert desk.arms.driver.jaw_command_rad("a") == pytest.approx(0.6 * wide_rad, abs=0.04 * wide_rad)
+    assert [event["wish"] for event in desk.events("person")] == ["TAKE", "EMERGENCY"]
+
+
+def test_a_task_that_has_not_begun_cannot_be_done():
+    desk = Desk([(1.0, Said(Wish.DONE))])
+    desk.console._take_in(Said(Wish.DONE))
+    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    assert desk.arms.now_s() >= 1.0
 
 
 def test_the_person_does_the_whole_task():

@@ -47,16 +47,21 @@ def test_a_line_lets_go_and_asks_by_name():
         (b"[1]", "no JSON object"),
         (line(arm="psm9", held=True, position=[0, 0, 0]), "psm1"),
         (line(arm="psm1", held=True), "position is None"),
-        (line(arm="psm1", held=True, position=[0, 0]), "3 finite numbers"),
-        (b'{"arm": "psm1", "held": true, "position": [0, 0, NaN]}', "3 finite numbers"),
+        (line(arm="psm1", held=True, position=[0, 0]), "3 numbers of at most"),
+        (b'{"arm": "psm1", "held": true, "position": [0, 0, NaN]}', "3 numbers of at most"),
         (line(arm="psm1", held=True, position=[0, 0, 0], quaternion=[0, 0, 0, 0]), "all 0"),
-        (line(arm="psm1", jaw="open"), "finite number"),
+        (line(arm="psm1", jaw="open"), "1 number of at most"),
         (line(wish="explode"), "take, return, stop"),
         (line(wish="take"), "names no arm"),
         (line(held=True, position=[0, 0, 0]), "names no arm"),
         (line(jaw=0.5), "names no arm"),
         (line(**{**HOLD, "scale": -1}), "above 0"),
-        (line(**{**HOLD, "scale": 1e9}), "up to 10"),
+        (line(**{**HOLD, "scale": 1e5}), "up to 10"),
+        (line(**{**HOLD, "position": [1e300, 0, 0]}), "3 numbers of at most 1e"),
+        (line(arm="psm1", jaw=10**400), "1 number of at most"),
+        (line(wish=[]), "take, return, stop"),
+        (line(arm=["psm1"], jaw=1), "arm is"),
+        (b"[" * 100_000, "no JSON"),
     ],
 )
 def test_a_wrong_line_is_told_in_a_sentence(sent, said):
@@ -90,6 +95,16 @@ def test_each_line_is_answered_and_a_device_that_leaves_lets_go():
             assert [said.wish for said in until(inputs.said)] == [Wish.HOLD, Wish.JAW]
         (left,) = until(inputs.said)
         assert (left.wish, left.arm) == (Wish.RELEASE, "psm1")
+
+
+def test_a_web_page_cannot_send_lines():
+    """A browser lets any website send text to any port of this machine."""
+    post = b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: https://example.com\r\n\r\n" + line(wish="go_on") + b"\n"
+    with Inputs(0, lambda: {"arms": ARMS}) as inputs:
+        with socket.create_connection(("127.0.0.1", inputs.port), timeout=5) as connection:
+            connection.sendall(post)
+            assert connection.recv(100) == b"", "it hangs up"
+        assert not inputs.said()
 
 
 def test_a_port_that_is_taken_is_told_in_a_sentence():

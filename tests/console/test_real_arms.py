@@ -8,7 +8,7 @@ import pytest
 import echo_arms
 from driven import HOME
 from trocar.console import Console
-from trocar.console.console import EmergencyStop
+from trocar.errors import EmergencyStop
 from trocar.eval.on_robot import _run_until_refused
 from trocar.hardware import HardwareLaboratory
 from trocar.hardware.arm import LoopSettings

@@ -8,6 +8,7 @@ import trio
 
 from driven import ARM, HOME, PAPER, PlainArms
 from trocar.cell import MotionEnd
+from trocar.errors import TooNear
 from trocar.motion import rest_to_rest
 from trocar.robots import TICK_S, ArmGuard, Guarded
 from trocar.robots.supervised import StoppedByPerson, Supervised
@@ -106,6 +107,35 @@ def test_a_stream_is_not_waited_for():
     result = arms.run(script)["a"]
     assert result.ended is MotionEnd.HELD and isinstance(result.cause, StoppedByPerson)
     np.testing.assert_array_equal(arms.sent["a"][-1], HOME)
+
+
+def test_jaws_that_are_stopped_go_on():
+    arms, _ = supervised([0.05])
+    result = arms.run(lambda: arms.robot.jaw("a", 1.0))
+    assert result.done and arms.driver.jaw_command_rad("a") == pytest.approx(1.0) and arms.now_s() > 0.05 + STAY_S
+
+
+@pytest.mark.parametrize("refusals", [1, 2])
+def test_a_motion_whose_rest_is_refused_tries_again_and_then_has_ended_where_it_was_stopped(refusals, monkeypatch):
+    arms, _ = supervised([STOP_S])
+    near = TooNear("in the way", first="a", second="b", distance_m=0.0, required_m=1e-3, arms=("a", "b"))
+    guard, left = arms.robot.robot, [near] * refusals
+    move = guard.move
+
+    async def refusing(motions):
+        if left and arms.now_s() > STOP_S:
+            raise left.pop()
+        return await move(motions)
+
+    monkeypatch.setattr(guard, "move", refusing)
+    result = arms.run(lambda: arms.robot.move({"a": MOTION}))["a"]
+    now = arms.robot.setpoint("a")
+    np.testing.assert_allclose(now.q, MOTION(now.path_s), atol=2e-4)
+    if refusals == 1:
+        assert result.done and now.path_s == pytest.approx(MOTION.duration_s)
+    else:
+        assert result.ended is MotionEnd.HELD and isinstance(result.cause, TooNear)
+        assert STOP_S < now.path_s < MOTION.duration_s - 0.1
 
 
 def test_jaws_wait_until_the_arm_may_be_used():

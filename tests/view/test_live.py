@@ -13,6 +13,7 @@ pytest.importorskip("viser")
 from live_scene import REPLAY, MadeUpScene, messages, moment
 
 from trocar.errors import MachineError
+from trocar.geometry import SE3
 from trocar.replay import Contact
 from trocar.view.live import LiveView, Picture, legend
 from trocar.view.live_page import LivePage
@@ -20,6 +21,7 @@ from trocar.view.panels import FOUND
 from trocar.view.replay import notice
 
 LIMIT_S = 60.0
+SHIFT = SE3.from_parts(translation_m=[0.003, -0.002, 0.0])
 
 
 @pytest.fixture
@@ -98,6 +100,35 @@ def test_another_trial_begins_without_paths_contacts_and_events_of_the_one_befor
         view.show(moment(tick))
     assert all(len(tip._points) <= 3 for tip in view._tips)
     assert not view._balls and node(view, "/contacts/1") is None and "contact" not in view._events.content
+
+
+def test_another_trial_has_its_board_where_it_is():
+    """Each session has its own; a person works by what the page shows."""
+
+    class Shifted(MadeUpScene):
+        def shown(self, *about):
+            replay = super().shown(*about)
+            still = {body: SHIFT @ T for body, T in replay.T_world_body.items() if T.matrix.ndim == 2}
+            return replace(replay, T_world_body={**replay.T_world_body, **still})
+
+    view = LiveView(MadeUpScene(), "made up", moment(0), port=0)
+    drawn = {solid.body for solid in REPLAY().solids}
+    board = next(body for body, T in REPLAY().T_world_body.items() if T.matrix.ndim == 2 and body in drawn)
+    before = node(view, f"/bodies/{board}")
+    nodes = len(view.server.scene._handle_from_node_name)
+    view.begin(Shifted())
+    view.show(moment(0))
+    shifted_m = np.array(node(view, f"/bodies/{board}").position) - before.position
+    assert_allclose(shifted_m, SHIFT.translation_m, atol=1e-9)
+    assert len(view.server.scene._handle_from_node_name) == nodes, "nothing is left of the board before"
+    view.show(moment(100))
+    view.close()
+
+
+def test_while_the_clock_stands_nothing_is_kept(view):
+    for _ in range(50):
+        view.show(moment(100))
+    assert len(view._rows) == 2 and all(len(tip._points) <= 3 for tip in view._tips)
 
 
 def test_what_perception_found_is_drawn_into_the_image(view):

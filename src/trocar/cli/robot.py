@@ -18,7 +18,7 @@ from trocar.eval.config import RunConfig
 from trocar.lab import Station
 
 if TYPE_CHECKING:
-    from trocar.eval.run import Attendant
+    from trocar.console import Watch
 
 
 def run_robot(
@@ -29,7 +29,7 @@ def run_robot(
     yes: bool,
     strict: bool,
     as_json: bool,
-    attendant: Attendant | None = None,
+    attendant: Watch | None = None,
 ) -> None:
     """Run the trials of a run that are still to do, one after the other, and report on them.
 
@@ -55,7 +55,7 @@ def run_robot(
         path.parent.mkdir(parents=True, exist_ok=True)
         set_aside(path)
         trial.save(path)
-        stopped = trial.ended == STOPPED
+        stopped = trial.ended == STOPPED or (attendant is not None and bool(attendant.ended))
         if stopped:
             break
     all_succeeded = finish(folder, as_json, interrupted=stopped)

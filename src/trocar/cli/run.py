@@ -22,7 +22,7 @@ from trocar.cli.report import finish
 from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside, rich_table
 from trocar.counting import counted
-from trocar.errors import BadFile, InvalidInput, InvalidValue, UnknownName
+from trocar.errors import BadFile, EmergencyStop, InvalidInput, InvalidValue, UnknownName
 from trocar.eval import METHODS, TASKS, Task, methods_of_any
 from trocar.eval.config import RunConfig
 from trocar.interruption import CtrlC
@@ -120,7 +120,7 @@ def run(
             how = {"jobs": jobs, "tick": shown, "raise_errors": raise_errors, "attendant": attendant}
             for wrong in play_run(config, folder, todo, **how):
                 beside().print(wrong, soft_wrap=True, markup=False)
-    except KeyboardInterrupt as stop:
+    except (KeyboardInterrupt, EmergencyStop) as stop:
         interrupted = True
         if str(stop):
             beside().print(str(stop), soft_wrap=True, markup=False)
@@ -133,6 +133,8 @@ def _require_console(config: RunConfig, watch: bool, confirm: str, speed: float,
     """Raise if something is asked for that only a person at a console can do, and there is none, or cannot be."""
     if watch and config.robot and speed != 1.0:
         raise InvalidInput(f"--speed {speed:g}", "is for the clock of a simulated cell", "drop it, or --robot")
+    if watch and confirm and hasattr(config.chosen_method.make_settings(), "policy"):
+        raise InvalidInput(f"--confirm {confirm}", "is for motions, and a policy streams its steps", "drop it")
     if watch:
         return
     if confirm or speed != 1.0 or devices is not None:

@@ -15,7 +15,7 @@ from trocar.arms import MotionLimits, fk
 from trocar.cell import Cell
 from trocar.console.hand import Hand
 from trocar.console.question import Question
-from trocar.errors import AlreadyThere, InvalidInput, MotionRefused, TrocarError
+from trocar.errors import AlreadyThere, EmergencyStop, InvalidInput, MotionRefused
 from trocar.robots import TICK_S
 from trocar.robots.supervised import StoppedByPerson, Supervised
 from trocar.trajectory import Trajectory
@@ -24,10 +24,8 @@ from trocar.view.live import BAD, GOOD, WAITS
 
 POLL_S = 0.01
 """While the clock stands, the page is listened to so often."""
-
-
-class EmergencyStop(TrocarError):
-    """A person ended the trial."""
+STREAMED = (Wish.HOLD, Wish.RELEASE, Wish.SPEED, Wish.PAUSE, Wish.STEP)
+"""What is no event of the trial, as are jaws that a device drives: it may come many times a second."""
 
 
 class Console:
@@ -44,6 +42,7 @@ class Console:
         show: is called each tick, to show how things stand.
         paced: whether a simulator's clock waits for it each tick (``wait``); else it listens while it serves.
         over: returns whether the cell ends, so that its clock may not stand any more.
+        stopped: whether the arms were stopped before it began: nothing moves until they are let go on.
 
     Attributes:
         cell: below any compensation; None: it has not begun.
@@ -61,6 +60,7 @@ class Console:
         show: Callable[[], None] = lambda: None,
         paced: bool = True,
         over: Callable[[], bool] = lambda: False,
+        stopped: bool = False,
     ):
         self.level, self.speed, self._noun, self._hear, self._show = level, speed, noun, hear, show
         self._paced, self._over = paced, over
@@ -70,8 +70,8 @@ class Console:
         self._limits: Mapping[str, MotionLimits] = {}
         self._robot: Supervised | None = None
         self._question: Question | None = None
-        self._goal_begins, self._works = True, False
-        self._stopped, self._paused, self._ended = False, False, ""
+        self._asked, self._goal_begins, self._works = 0, True, False
+        self._stopped, self._paused, self._ended = stopped, False, ""
         self._taken: set[str] = set()
         self._scopes: dict[str, trio.CancelScope] = {}
         self._changed, self._done = trio.Event(), trio.Event()
@@ -109,6 +109,16 @@ class Console:
                 await trio.to_thread.run_sync(time.sleep, self._due_s - now)
 
     @property
+    def stopped(self) -> bool:
+        """Return whether the arms were stopped, and not let go on."""
+        return self._stopped
+
+    @property
+    def ended(self) -> str:
+        """Return why the person ended the trial; empty if nobody did."""
+        return self._ended
+
+    @property
     def asks(self) -> bool:
         """Return whether a motion waits for a yes, and nothing else is in its way."""
         return self._question is not None and not (self._stopped or self._taken)
@@ -131,6 +141,7 @@ class Console:
             if not self._needs_yes:
                 continue
             self._question = question = Question.about(self._own_cell, motions)
+            self._asked += 1
             try:
                 await question.answered.wait()
             finally:  # a script that is cancelled asks no more; else the clock would stand for ever
@@ -211,6 +222,8 @@ class Console:
             hand.refused = f"the way back is refused: {error}"
             cell.log.event("refused", arm=hand.arm, reason=str(error))
             return False
+        if not result[hand.arm].done:
+            hand.forget_way_back()
         return result[hand.arm].done
 
     async def work(self, cell: Cell, arms: Iterable[str]) -> None:
@@ -248,7 +261,7 @@ class Console:
     def _take_in(self, said: Said) -> None:  # noqa: PLR0912  a wish each
         hand = self.hands.get(said.arm)
         match said.wish:
-            case Wish.YES if self._question is not None:
+            case Wish.YES if self.asks and said.value in (None, self._asked):
                 self._goal_begins = False
                 self._answer(self._question)
             case Wish.STOP:
@@ -267,7 +280,7 @@ class Console:
                 hand.hold(said.value, said.at_s, said.source)
             case Wish.RELEASE if hand is not None:
                 hand.release(said.source)
-            case Wish.JAW if hand is not None:
+            case Wish.JAW if hand is not None and not self._stopped:
                 hand.open_jaws(said.value)
             case Wish.LEVEL:
                 self.level = said.value
@@ -279,11 +292,12 @@ class Console:
                 self._paused = said.value
             case Wish.STEP if self._paced:
                 self._paused, self._steps = True, round(said.value / TICK_S)
-            case Wish.DONE:
+            case Wish.DONE if self._works:
                 self._done.set()
             case _:
                 return
-        if self.cell is not None and said.wish not in (Wish.HOLD, Wish.RELEASE, Wish.SPEED, Wish.PAUSE, Wish.STEP):
+        streamed = said.wish in STREAMED or (said.wish is Wish.JAW and said.source)
+        if self.cell is not None and not streamed:
             self.cell.log.event("person", wish=said.wish.name, **({"arm": said.arm} if said.arm else {}))
         self._change()
 
@@ -291,7 +305,7 @@ class Console:
         """Brake all arms; a reason ends the trial."""
         self._stopped, self._ended = True, why_ended or self._ended
         for hand in self.hands.values():
-            hand.release()
+            hand.stop()
         if self.cell is not None:
             for arm in self.cell.arms:
                 self.cell.robot.hold(arm, reason=StoppedByPerson(arm))
@@ -331,7 +345,7 @@ class Console:
             return replace(now, words=words, colour=WAITS if refused else GOOD)
         if (question := self._question) is not None:
             words = f"Waits for your yes: {question.words}"
-            return replace(now, words=words, colour=WAITS, asks=True, ghosts=question.ghosts)
+            return replace(now, words=words, colour=WAITS, asks=True, question=self._asked, ghosts=question.ghosts)
         return replace(
             now, words="The clock stands" if self._paused else "Runs", colour=WAITS if self._paused else GOOD
         )

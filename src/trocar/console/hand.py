@@ -93,11 +93,17 @@ class Hand:
         if self._input is not None and source in (None, self._input[2]):
             self._began = self._input = self._control = None
 
+    def stop(self) -> None:
+        """Note that the arm was stopped: the input is let go, and jaws that were to open stay as they are."""
+        self.release()
+        self._jaw_rad = self._sent_rad
+
     def open_jaws(self, share: float) -> None:
         """Have the jaws open to a share of their range; 0: they close and press."""
         wanted = self._closed_rad if share <= 0 else min(share, 1.0) * self._wide_rad
-        if wanted != self._jaw_rad:
-            self._jaw_rad, self._jaw_since_s = wanted, self._cell.clock.now_s()
+        if min(wanted, self._jaw_rad) <= self._sent_rad:  # else they were to open already: an input may tremble
+            self._jaw_since_s = self._cell.clock.now_s()
+        self._jaw_rad = wanted
 
     def way_back(self) -> Trajectory:
         """Return the motion back to where the arm was when it was taken, along the way that it came.
@@ -110,6 +116,12 @@ class Hand:
         if np.array_equal(q, self.path_q[0]):
             raise AlreadyThere(f"arm {self.arm!r} is where it was taken", arm=self.arm)
         return retraced(np.array(self.path_q))
+
+    def forget_way_back(self) -> None:
+        """Note that the arm was stopped on its way back: what it has gone back of its path is not gone again."""
+        q = self._cell.robot.setpoint(self.arm).q
+        nearest = int(np.argmin([np.abs(before - q).max() for before in self.path_q[:-1]]))
+        self.path_q = [*self.path_q[: max(nearest, 1)], q]
 
     async def follow(self) -> None:
         """Move the arm as the person wants, until this is cancelled."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
+import re
 import socketserver
 import threading
 import time
@@ -21,7 +22,8 @@ WISHES = {
 }
 """What a line may ask for by name."""
 OF_ARM = ("take", "return")
-MAX_SCALE = 10.0
+MAX_SCALE, MAX_NUMBER = 10.0, 1e6
+HTTP = re.compile(rb"[A-Z]+ \S+ HTTP/")
 
 
 class Inputs:
@@ -84,6 +86,8 @@ class _Device(socketserver.StreamRequestHandler):
         source, held = f"{self.client_address}", set[str]()
         try:
             for line in self.rfile:
+                if HTTP.match(line):  # a browser, in which any website may have asked for it
+                    return
                 try:
                     answer: Mapping[str, Any] = self.server.state()
                     for said in wishes_of(line, source, answer["arms"]):
@@ -108,18 +112,18 @@ def wishes_of(line: bytes, source: str, arms: Mapping[str, Any]) -> list[Said]:
     now_s = time.monotonic()
     try:
         given = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise InvalidInput("a line", "is no JSON", 'send {"arm": "psm1", "held": true, ...}') from None
     if not isinstance(given, dict):
         raise InvalidInput("a line", "is no JSON object", 'send {"arm": "psm1", "held": true, ...}')
     arm, found = given.get("arm", ""), []
-    if arm not in ("", *arms):
+    if not isinstance(arm, str) or arm not in ("", *arms):
         remedy = f"name one of {', '.join(arms)}" if arms else "wait until the trial has begun"
         raise InvalidInput("arm", f"is {arm!r}", remedy)
     if not arm and ({"held", "jaw"} & given.keys() or given.get("wish") in OF_ARM):
         raise InvalidInput("a line", "names no arm", f"give arm: {', '.join(arms)}")
     if "wish" in given:
-        if given["wish"] not in WISHES:
+        if not isinstance(given["wish"], str) or given["wish"] not in WISHES:
             raise InvalidInput("wish", f"is {given['wish']!r}", f"give one of {', '.join(WISHES)}")
         found.append(Said(WISHES[given["wish"]], arm, at_s=now_s, source=source))
     if given.get("held"):
@@ -142,8 +146,9 @@ def wishes_of(line: bytes, source: str, arms: Mapping[str, Any]) -> list[Said]:
 def _numbers(given: Mapping[str, Any], name: str, count: int) -> np.ndarray:
     try:
         values = np.asarray(given.get(name), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise InvalidInput(name, f"is {given.get(name)!r}", f"give {count} finite number{'s' * (count > 1)}")
+    if values.shape != (count,) or not (np.abs(values) <= MAX_NUMBER).all():
+        remedy = f"give {count} number{'s' * (count > 1)} of at most {MAX_NUMBER:g}"
+        raise InvalidInput(name, f"is {given.get(name)!r}", remedy)
     return values

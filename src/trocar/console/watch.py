@@ -14,7 +14,7 @@ from trocar.cell import Cell
 from trocar.console.console import Console
 from trocar.console.inputs import Inputs
 from trocar.console.person import SEAT
-from trocar.errors import InvalidInput
+from trocar.errors import EmergencyStop, InvalidInput
 from trocar.eval.config import RunConfig
 from trocar.eval.sight import sight_of
 from trocar.hardware.laboratory import HardwareLaboratory
@@ -30,6 +30,8 @@ from trocar.view.live_page import LivePage, Say
 
 EVERY_S = 0.03
 """Time between two moments, of the wall clock: three ticks at its own pace."""
+OF_ANY_TRIAL = (Wish.STOP, Wish.GO_ON, Wish.EMERGENCY, Wish.LEFT, Wish.LEVEL, Wish.SPEED, Wish.PAUSE)
+"""What counts if it is said between two trials; the rest was meant for the one that has ended."""
 IMAGE_PX = 480
 """Width of an image on the page, or less."""
 
@@ -59,6 +61,7 @@ class Watch:
     ):
         self._port, self._told_address = port, told
         self._page: LivePage | None = None
+        self._left_over: list[Said] = []
         self._inputs = None if inputs is None else Inputs(inputs, lambda: self._state)
         self._state: Mapping[str, Any] = {"arms": {}}
         self.console, self.latencies_s = Console(level, speed), []
@@ -83,8 +86,22 @@ class Watch:
         """Return where a browser finds the page; empty before the first trial."""
         return "" if self._page is None else f"http://127.0.0.1:{self._page.port}"
 
+    @property
+    def ended(self) -> str:
+        """Return why the person ended the last trial, and the run with it; empty if nobody did."""
+        return self.console.ended
+
     def attend(self, config: RunConfig, laboratory: SimLaboratory | HardwareLaboratory) -> None:
-        """Come to the laboratory of a trial; open the page if this is the first."""
+        """Come to the laboratory of a trial; open the page if this is the first.
+
+        Arms that were stopped in the trial before stay stopped.
+
+        Raises:
+            EmergencyStop: the person ended the trial before.
+        """
+        if self.ended:
+            raise EmergencyStop(f"{self.ended}: the run ends here; the same command continues")
+        self._left_over = [one for one in self._hear() if one.wish in OF_ANY_TRIAL]
         self._sight, self._trials = sight_of(laboratory), self._trials + 1
         self._flaws = {} if config.robot else config.about()["flaws"]
         difficulty = () if config.robot else (f"flaws: {', '.join(config.how_difficult)}",)
@@ -100,6 +117,7 @@ class Watch:
             show=self._show,
             paced=simulated is not None,
             over=lambda: simulated is not None and simulated.interrupted,
+            stopped=self.console.stopped,
         )
         console.latencies_s = self.latencies_s
         self.console, self._scene = console, scenery
@@ -131,7 +149,7 @@ class Watch:
         return self.console.asks
 
     def _hear(self) -> list[Said]:
-        heard = self._page.said() if self._page else []
+        heard, self._left_over = [*self._left_over, *(self._page.said() if self._page else [])], []
         if self._page is not None and self._page.ended and self.console.needed:
             heard.append(Said(Wish.EMERGENCY, value="the process that shows the page has ended"))
         return [*heard, *(self._inputs.said() if self._inputs else [])]

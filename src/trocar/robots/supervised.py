@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from trocar.cell import JointReading, MotionEnd, MotionResult, Robot, SetPoint
-from trocar.errors import ArmStopped, TrocarError
+from trocar.errors import ArmStopped, MotionRefused, TrocarError
 from trocar.trajectory import Trajectory
 
 RAMP_S = 0.4
@@ -119,10 +119,13 @@ class Supervised:
         return await self._played(self.robot.replace, motions)
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
-        """Drive the jaws, once the arm may be used."""
-        await self._supervisor.free(arm)
-        self.jaws_rad[arm] = angle_rad
-        return await self.robot.jaw(arm, angle_rad)
+        """Drive the jaws, once the arm may be used; where the person stops it, they go on afterwards."""
+        while True:
+            await self._supervisor.free(arm)
+            self.jaws_rad[arm] = angle_rad
+            result = await self.robot.jaw(arm, angle_rad)
+            if not isinstance(result.cause, StoppedByPerson):
+                return result
 
     def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest."""
@@ -147,11 +150,36 @@ class Supervised:
                 results[arm] = replace(results[arm], ended=MotionEnd.DONE, cause=None)
             if left:
                 await self._supervisor.permit({arm: rest.motion for arm, rest in left.items()})
-                self._forget(left)
-                self._rests |= left
-                went_on = await self.robot.move({arm: rest.motion for arm, rest in left.items()})
-                results |= {arm: _joined(results[arm], result) for arm, result in went_on.items()}
+                results |= await self._went_on(left, results)
         return results
+
+    async def _went_on(self, left: Mapping[str, _Rest], results: Mapping[str, MotionResult]) -> dict[str, MotionResult]:
+        """Run what is left of motions, and return the results of the whole motions.
+
+        Of two arms that go on one after the other, the second one may still be in the way of the first: that one then
+        waits until the second rests. If it is refused again, the motion has ended where it was stopped, held.
+        """
+
+        async def attempt() -> Mapping[str, MotionResult]:
+            rests, lent = self._forget(left)
+            self._rests |= left
+            try:
+                return await self.robot.move({arm: rest.motion for arm, rest in left.items()})
+            except TrocarError:
+                self._forget(left)
+                self._rests |= rests
+                self._lent |= lent
+                raise
+
+        try:
+            went_on = await attempt()
+        except MotionRefused:
+            await self.robot.rest()
+            try:
+                went_on = await attempt()
+            except MotionRefused as error:
+                return {arm: replace(results[arm], cause=error) for arm in left}
+        return {arm: _joined(results[arm], result) for arm, result in went_on.items()}
 
     def _forget(self, arms: Iterable[str]) -> tuple[dict[str, _Rest], dict[str, SetPoint]]:
         """Forget, and return, what was known of these arms' last motions."""

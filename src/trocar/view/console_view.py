@@ -133,6 +133,7 @@ class Standing:
         words: in a sentence.
         colour: of it.
         asks: whether a motion waits for a yes.
+        question: number of that motion among all that were asked about; a yes names it.
         stopped: whether the arms were stopped.
         level: what a script needs a yes for.
         speed: of the clock; None: it is no simulator's.
@@ -145,6 +146,7 @@ class Standing:
     words: str
     colour: Rgb = GOOD
     asks: bool = False
+    question: int = 0
     stopped: bool = False
     level: Level = Level.AUTONOMOUS
     speed: float | None = 1.0
@@ -230,8 +232,9 @@ class ConsoleView(LiveView):
             self._level = level = gui.add_dropdown("yes needed for", tuple(levels))
             self._speed = speed = gui.add_dropdown("speed", tuple(self._speeds))
             self._turns = clock = gui.add_button_group("clock", ("pause", "run", "step .1 s"))
+        self._question = 0
+        self._yes.on_click(self._agree)
         for button, wish in (
-            (self._yes, Wish.YES),
             (self._stop, Wish.STOP),
             (self._go_on, Wish.GO_ON),
             (self._emergency, Wish.EMERGENCY),
@@ -242,8 +245,8 @@ class ConsoleView(LiveView):
         clock.on_click(lambda event: self._wish(event, clocks.get(clock.value, Said(Wish.STEP, value=STEP_S))))
         level.on_update(lambda event: self._wish(event, Said(Wish.LEVEL, value=levels[level.value])))
         speed.on_update(lambda event: self._wish(event, Said(Wish.SPEED, value=self._speeds[speed.value])))
+        gui.add_command("Yes, go", hotkey="Y").on_trigger(self._agree)
         for command, wish in (
-            (gui.add_command("Yes, go", hotkey="Y"), Wish.YES),
             (gui.add_command("Stop", hotkey="S"), Wish.STOP),
             (gui.add_command("Go on", hotkey="G"), Wish.GO_ON),
             (gui.add_command("Emergency stop", hotkey="X"), Wish.EMERGENCY),
@@ -274,6 +277,10 @@ class ConsoleView(LiveView):
             return
         self._say(said)
 
+    def _agree(self, event: Any) -> None:
+        """Say yes to the motion that is shown, and to none that is asked about before the page shows it."""
+        self._wish(event, Said(Wish.YES, value=self._question))
+
     @property
     def _holder(self) -> int:
         return min(self.server.get_clients(), default=-1)
@@ -284,6 +291,7 @@ class ConsoleView(LiveView):
             self._say(Said(Wish.LEFT))
 
     def _show_standing(self, now: Standing) -> None:
+        self._question = now.question
         self._words.content = box(
             f'<div style="border-left:6px solid {css(now.colour)};padding:4px 10px">{escape(now.words)}</div>'
         )

@@ -37,6 +37,7 @@ from trocar.view.stage import (
     segments,
     set_up,
 )
+from trocar.view.surroundings import add_ports, lay_table
 from trocar.view.trial_view import PANELS_PER_S, in_words
 from trocar.view.viewpoint import BESIDE_PANEL, Viewpoint, viewpoint
 
@@ -148,6 +149,7 @@ class LiveView:
         film = shoot(replay)
         view = viewpoint(replay, film, BESIDE_PANEL, live=True)
         self._moving, self._radius_m = film.bodies, 0.035 * view.radius_m
+        self._anew = False
         self.server = open_server(port)
         with self.server.atomic():
             set_up(self.server, replay, film, view, live=True)
@@ -172,6 +174,8 @@ class LiveView:
 
     def show(self, moment: Moment) -> None:
         """Show the next moment."""
+        if self._rows and self._rows[-1].time_s == moment.time_s:  # the clock stands
+            self._rows.pop()
         self._rows.append(moment)
         while self._rows[0].time_s < moment.time_s - WINDOW_S:
             self._rows.popleft()
@@ -185,6 +189,8 @@ class LiveView:
             self._clock.popleft()
         replay = self._replay([moment])
         with self.server.atomic():
+            if self._anew:
+                self._draw_anew(replay)
             poses = SE3.unchecked(np.array([replay.T_world_body[b].matrix[0] for b in self._moving]).reshape(-1, 4, 4))
             turns = poses.rotation.as_quaternion()
             self._bodies.place(poses.translation_m.astype(np.float32), turns.astype(np.float32))
@@ -196,8 +202,9 @@ class LiveView:
                 self._show_panels(moment)
 
     def begin(self, scene: Scene) -> None:
-        """Show another scene of the same bodies from now on, whose clock begins anew."""
+        """Show another scene of the same arms from now on, whose clock begins anew."""
         self._scene = scene
+        self._anew = True
         self._rows.clear()
         self._said.clear()
         self._clock.clear()
@@ -207,6 +214,15 @@ class LiveView:
         self._balls.clear()
         for tip in self._tips:
             tip.forget()
+
+    def _draw_anew(self, replay: Replay) -> None:
+        """Draw the bodies of a scene that has begun, and what stands about them: each trial has its own."""
+        self._anew = False
+        self._bodies.remove()
+        film, scene = shoot(replay), self.server.scene
+        self._moving, self._bodies = film.bodies, Bodies(scene, replay, film)
+        lay_table(scene, replay, film)
+        add_ports(scene, replay, film)
 
     def show_image(self, picture: Picture) -> None:
         """Show an image of a camera, with what is said about it, and what was found in it."""
@@ -315,6 +331,8 @@ class Tip:
         """Draw a moment."""
         places = self._places(replay)
         self.off_m = float(np.linalg.norm(places[1] - places[0]))
+        if self._points[-1][0] == moment.time_s:  # the clock stands
+            self._points.pop()
         self._points.append((moment.time_s, places))
         while len(self._points) > 2 and self._points[0][0] < moment.time_s - TRAIL_S:
             self._points.popleft()

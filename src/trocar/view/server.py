@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 import rich
@@ -34,7 +36,7 @@ def open_server(port: int) -> ViserServer:
         from viser import ViserServer  # an extra
     except ImportError:
         raise InvalidInput("3D in the browser", "needs viser", f"{how_to_install('view')}") from None
-    with _quiet():
+    with _quiet(), _own_pages_only():
         return ViserServer(host=LOCAL, port=port, verbose=False)
 
 
@@ -65,6 +67,26 @@ def close_server(server: ViserServer) -> None:
 
 
 _CONSOLE = threading.Lock()
+
+
+OWN = re.compile(r"https?://(127\.0\.0\.1|localhost)(:\d+)?")
+"""Addresses of this machine's own pages, also of those that a forwarded port brings to another."""
+
+
+@contextmanager
+def _own_pages_only() -> Iterator[None]:
+    """Let servers that are opened meanwhile refuse web pages of other origins, which could press buttons, too.
+
+    Programs that name no origin are not web pages. viser has no setting for it.
+    """
+    from websockets.asyncio import server  # viser's
+
+    serve = server.serve
+    server.serve = partial(serve, origins=[None, OWN])
+    try:
+        yield
+    finally:
+        server.serve = serve
 
 
 @contextmanager

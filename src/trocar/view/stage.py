@@ -287,11 +287,15 @@ class Bodies:
         # the precision that a browser draws with
         self._position_m, self._wxyz = film.position_m.astype(np.float32), film.wxyz.astype(np.float32)
         parts = body_parts(replay.solids)
-        for body in parts:
-            if body not in film.bodies:
-                self._draw(body, parts[body], replay.T_world_body[body])
+        still = [body for body in parts if body not in film.bodies]
+        self._still = [self._draw(body, parts[body], replay.T_world_body[body]) for body in still]
         first = {body: SE3.unchecked(replay.T_world_body[body].matrix[film.ticks[0]]) for body in film.bodies}
         self._nodes = [self._draw(body, parts[body], first[body]) for body in film.bodies]
+
+    def remove(self) -> None:
+        """Remove them from the scene."""
+        for node in (*self._still, *self._nodes):
+            node.remove()
 
     def moved(self, frame: int) -> Iterator[tuple[str, NDArray[np.float32], NDArray[np.float32]]]:
         """Yield name, position (3,) m and wxyz (4,) of the nodes that have moved since the previous frame."""
