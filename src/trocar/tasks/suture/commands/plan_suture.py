@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import sys
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -203,10 +206,7 @@ def _save(
     out: Path, map: DexterityMap, plan: SuturePlan, summary: dict[str, Any], two_arms: Sequence[Pair]
 ) -> list[str]:
     """Write the plan, its pictures and, if an arm can follow it, its waypoints; return their paths."""
-    from trocar.tasks.suture.report.circle import draw_plan
-    from trocar.tasks.suture.report.panels import draw_reasons
-
-    files = [out / PLAN, draw_plan(map, plan, out / "plan.png"), draw_reasons(map, plan, out / "reasons.png")]
+    files = [out / PLAN, *_draw(map, plan, out)]
     table, values, both = out / TABLE, out / "waypoints.json", out / TWO_ARM_TABLE
     for earlier in (table, values, both):
         earlier.unlink(missing_ok=True)
@@ -224,6 +224,18 @@ def _save(
         files += [table, values]
     write_json(out / PLAN, {**summary, "files": [str(file) for file in files]}, KIND)
     return [str(file) for file in files]
+
+
+def _draw(map: DexterityMap, plan: SuturePlan, out: Path) -> list[Path]:
+    """Draw both pictures at once, the second in a process of its own where one can be forked safely: it takes long."""
+    from trocar.tasks.suture.report.circle import draw_plan
+    from trocar.tasks.suture.report.panels import draw_reasons
+
+    if sys.platform != "linux":
+        return [draw_plan(map, plan, out / "plan.png"), draw_reasons(map, plan, out / "reasons.png")]
+    with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as beside:
+        reasons = beside.submit(draw_reasons, map, plan, out / "reasons.png")
+        return [draw_plan(map, plan, out / "plan.png"), reasons.result()]
 
 
 def _view(map: DexterityMap, plan: SuturePlan) -> None:
