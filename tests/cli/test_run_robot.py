@@ -1,6 +1,9 @@
 """``trocar run --robot``: what is refused, and what a person is told, before anything could move."""
 
+from types import SimpleNamespace
+
 import pytest
+import typer
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
@@ -59,6 +62,30 @@ def test_a_robots_run_says_so_and_nothing_of_simulated_flaws(robot):
     about = RunConfig(PegTransfer(), method="uncalibrated", robot=robot).about()
     assert about["robot"] == "crtk" and about["flaws"] == {} and about["difficulty"] == []
     assert "robot" not in RunConfig(PegTransfer(), method="uncalibrated").about()
+
+
+@pytest.mark.parametrize(("fault", "begun"), [("following", 1), ("others", 1), ("late", 3)])
+def test_after_a_fault_that_lasts_no_other_trial_begins_by_itself(fault, begun, robot, tmp_path, monkeypatch):
+    import trocar.cli.robot
+    import trocar.eval.on_robot
+
+    trials = []
+
+    def trial(config, index, *_):
+        trials.append(index)
+        event = {"name": "fault", "arm": "psm1", "fault": fault, "reason": "something is wrong", "time_s": 1.0}
+        return SimpleNamespace(events=[event], ended="FAULT", save=lambda path: None)
+
+    monkeypatch.setattr(trocar.eval.on_robot, "run_on_robot", trial)
+    monkeypatch.setattr(trocar.cli.robot, "finish", lambda *_, **__: True)
+    config = RunConfig(PegTransfer(), method="uncalibrated", robot=robot, trials=3)
+    how = {"out": tmp_path / "out", "strict": False, "as_json": True, "enable_motion": True, "yes": True}
+    if begun < 3:
+        with pytest.raises(typer.Exit):
+            run_robot(config, **how)
+    else:
+        run_robot(config, **how)
+    assert len(trials) == begun
 
 
 def test_nothing_moves_unless_motion_is_enabled_and_somebody_agrees(robot, tmp_path, monkeypatch):

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from crtk_partners import ROOT, process, served
 from memory_bus import MemoryBus
 from trocar.crtk.arm import HEARD_S, CrtkArm
 from trocar.crtk.bus import open_bus, stamped
-from trocar.crtk.messages import Empty, JointState, PoseStamped, StringStamped
+from trocar.crtk.messages import Bool, Empty, JointState, PoseStamped, StringStamped, TwistStamped
 from trocar.errors import InvalidInput
 from trocar.hardware.arm import ArmFault, Fault
 from trocar.lab import load_station
@@ -178,6 +178,8 @@ def test_an_arm_whose_controller_ends_is_lost():
         ("move_jp", JointState(stamped(), [], PARK.tolist())),
         ("servo_cp", PoseStamped(stamped())),
         ("jaw/move_jp", JointState(stamped(), [], [0.3])),
+        ("use_gravity_compensation", Bool(True)),
+        ("servo_cv", TwistStamped(stamped())),
     ],
 )
 def test_an_arm_that_somebody_else_commands_says_on_which_topic(topic, message, cell):
@@ -205,6 +207,27 @@ def test_a_controller_that_does_not_hold_what_was_sent_is_named_although_the_rea
     found = fault_of(arm, lambda: arm.send(goal, np.zeros(6), jaw_rad + jaw))
     assert found.fault is Fault.FOLLOWING and "/PSM1/setpoint_js is off" in found.detail
     assert time.monotonic() - fresh_s > HEARD_S
+
+
+def test_an_arm_that_was_not_heard_of_for_long_is_not_taken_back_when_it_is(cell):
+    arm = enabled()
+    q, jaw_rad = arm.commanded()
+    bus = MemoryBus()
+    arm._out, seen = bus.publisher("/cut/servo_jp", JointState), bus.subscriber("/cut/servo_jp", JointState)
+    take, arm._take = arm._take, lambda: None  # a network that is cut
+    end_s = time.monotonic() + 2 * HEARD_S
+    while time.monotonic() < end_s:
+        with suppress(ArmFault):
+            arm.read()
+        arm.send(q, np.zeros(6), jaw_rad)
+        time.sleep(0.01)
+    assert seen.take(), "it goes on for a while"
+    for _ in range(20):
+        arm.send(q, np.zeros(6), jaw_rad)
+    assert not seen.take()
+    arm._take = take
+    found = fault_of(arm, lambda: arm.send(q, np.zeros(6), jaw_rad))
+    assert found.fault is Fault.STALE and not seen.take()
 
 
 def test_a_controller_that_holds_what_was_sent_a_little_later_is_well(cell):

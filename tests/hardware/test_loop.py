@@ -7,7 +7,7 @@ from driven import ARM, HOME, PAPER
 from echo_arms import EchoArm
 from trocar.cell import MotionEnd
 from trocar.errors import ArmMoving, InvalidInput, StartMismatch
-from trocar.hardware.arm import ArmFault, DrivenArm, Fault, LoopSettings
+from trocar.hardware.arm import ArmFault, DrivenArm, Fault, HardwareReading, LoopSettings
 from trocar.hardware.loop import HardwareLoop
 from trocar.hardware.messages import Clear, Close, EmergencyStop, Jaw, Reason, Start, Stop
 from trocar.motion import move_to, rest_to_rest
@@ -248,6 +248,40 @@ def test_jaws_arrive_and_a_second_goal_replaces_the_first():
     assert bench.until_over(1).ended is MotionEnd.REPLACED
     assert bench.until_over(2).ended is MotionEnd.DONE
     assert bench.arms["a"].read().jaw_rad == pytest.approx(0.2)
+
+
+def test_jaws_that_are_told_to_stay_do_so_where_they_are_commanded_now():
+    bench = Bench()
+    bench.say(Jaw(1, "a", 0.8))
+    bench.tick(5)
+    on_the_way = bench.loop.driver.jaw_command_rad("a")
+    bench.say(Jaw(2, "a", None))
+    bench.tick(20)
+    assert 0.1 < on_the_way < 0.7
+    assert bench.loop.driver.jaw_command_rad("a") == pytest.approx(on_the_way)
+
+
+def test_an_arm_that_is_elsewhere_than_its_controller_says_is_sent_nothing():
+    arm, sent = EchoArm(), []
+    arm.read = lambda: HardwareReading(HOME + 0.3, 0.1)
+    arm.send = lambda *what: sent.append(what)
+    with pytest.raises(ArmFault, match="nothing was sent yet") as told:
+        HardwareLoop({"a": DrivenArm(ARM, PAPER)}, lambda name: arm, LoopSettings())
+    assert told.value.fault is Fault.FOLLOWING and not sent
+
+
+def test_where_arms_are_is_asked_once_all_are_connected():
+    """To connect one takes seconds, in which somebody may move another."""
+    arms = {"a": EchoArm(), "b": EchoArm()}
+
+    def connect(name):
+        if name == "b":
+            arms["a"].q = HOME + 0.2
+        return arms[name]
+
+    loop = HardwareLoop(dict.fromkeys(arms, DrivenArm(ARM, PAPER)), connect, LoopSettings())
+    loop.tick()
+    np.testing.assert_allclose(arms["a"].q, HOME + 0.2)
 
 
 def test_a_loop_that_is_told_to_close_comes_to_rest_first():

@@ -131,6 +131,28 @@ def test_motions_that_replace_each_other_again_and_again_stay_within_the_limits(
     assert max(use(tmp_path / "sent")) <= 1.001
 
 
+def test_a_motion_that_was_cancelled_brakes_also_after_a_refused_one(laboratory, tmp_path):
+    """The one that was to take over is noted until the loop refuses it; then the first goes on, and must be stopped."""
+    slow = rest_to_rest(HOME, GOAL, PAPER).stretched(8.0)
+
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(cell.robot.move, {ARM: slow})
+            await trio.sleep(0.5)
+            with pytest.raises(StartMismatch):
+                await cell.robot.replace({ARM: rest_to_rest(GOAL, HOME, PAPER)})
+            motion, _ = laboratory.robot.remaining(ARM)
+            told.append(np.array_equal(motion.times_s, slow.times_s))
+            nursery.cancel_scope.cancel()
+        told.append(cell.robot.setpoint(ARM).q)
+
+    told = []
+    assert laboratory.run(script, 60.0)
+    assert told[0], "what the arm executes is the first motion"
+    assert np.abs(told[1] - GOAL).max() > 0.1, "it brakes at once"
+    assert not np.loadtxt(tmp_path / "sent")[-1, 7:13].any()
+
+
 def test_a_stream_faster_than_the_lead_follows_every_set_point(laboratory, tmp_path):
     """Each motion starts from the one that was sent last, though that one has not begun."""
     ends, refused = [], []
@@ -227,6 +249,17 @@ def test_a_script_that_raises_leaves_its_arm_at_rest_and_is_named(laboratory, tm
     assert not np.loadtxt(tmp_path / "sent")[-1, 7:13].any()
     assert max(use(tmp_path / "sent")) <= 1.001
     assert np.abs(laboratory.cell.robot.setpoint(ARM).q - GOAL).max() > 0.01
+
+
+def test_a_terminal_that_is_gone_does_not_end_the_loop(laboratory):
+    """Its signals go to the script's process and to the loop's; the loop brakes the arms once the script is silent."""
+
+    async def script(cell):
+        for gone in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
+            os.kill(laboratory.robot._process.pid, gone)
+        assert (await cell.robot.move({ARM: there()}))[ARM].done
+
+    assert laboratory.run(script, 60.0)
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=lambda how: how.name)

@@ -44,7 +44,7 @@ def run_robot(
     about = about_motion(what, config.robot, config.laboratory, config.arms)
     asks = agreed(config.robot, about, enable_motion=enable_motion, yes=yes, as_json=as_json)
     folder = out or default_folder(f"{config.task.name}-{config.method}-{config.seed}", config.unusual)
-    todo, stopped = open_folder(config, folder), False
+    todo, stopped, hurt = open_folder(config, folder), False, list[str]()
     for session, index in todo:
         if asks and not typer.confirm(f"trial {index}: is the table ready, and may the arms move?", err=True):
             break
@@ -58,9 +58,21 @@ def run_robot(
         stopped = trial.ended == STOPPED or (attendant is not None and bool(attendant.ended))
         if stopped:
             break
+        hurt = _lasting_faults(trial.events)
+        if hurt and not asks:  # to connect anew would forget them
+            beside().print(f"no other trial is begun by itself after: {'; '.join(hurt)}", markup=False)
+            break
     all_succeeded = finish(folder, as_json, interrupted=stopped)
-    if stopped or (strict and not all_succeeded):
+    if stopped or hurt or (strict and not all_succeeded):
         raise typer.Exit(130 if stopped else 1)
+
+
+def _lasting_faults(events: Iterable[Mapping[str, object]]) -> list[str]:
+    """Return the faults after which an arm refuses to move until it is connected anew."""
+    from trocar.hardware.arm import PASSING
+
+    passing = {fault.name.lower() for fault in PASSING}
+    return [str(event["reason"]) for event in events if event["name"] == "fault" and event["fault"] not in passing]
 
 
 def agreed(robot: str, about: Iterable[str], *, enable_motion: bool, yes: bool, as_json: bool = False) -> bool:

@@ -21,7 +21,7 @@ from trocar.crtk.dialect import (
     pose_kind,
     state_kind,
 )
-from trocar.crtk.messages import Empty, Header, JointState, StringStamped
+from trocar.crtk.messages import EFFORTS, Empty, Header, JointState, StringStamped, TwistStamped
 from trocar.errors import InvalidInput
 from trocar.hardware.arm import ArmFault, Fault, HardwareReading
 from trocar.lab.topics import Command, Dialect, Topics
@@ -46,8 +46,9 @@ STATES = {"PAUSED": Fault.PAUSED, "DISABLED": Fault.DISABLED, "FAULT": Fault.CON
 class CrtkArm:
     """One arm: reads ``measured_js`` and the jaws', and streams what the station's file says.
 
-    Once it has stopped because of what the controller or somebody else did, it sends nothing more: the arm may be moved
-    by others then, and a stream that went on would take it back in one step. It has to be connected anew.
+    Once it has stopped because of what the controller or somebody else did, or nothing has been heard of it for half a
+    second, it sends nothing more: the arm may be moved by others then, and a stream that went on would take it back in
+    one step. It has to be connected anew.
 
     Args:
         name: of the arm.
@@ -80,6 +81,7 @@ class CrtkArm:
         self._sent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         self._last, self._jaw_last = np.full(6, np.nan), np.nan  # where the arm has been sent
         self._fault: ArmFault | None = None
+        self._cut = False  # whether nothing has been heard of it for long
         self._alone_s = self._new_s = time.monotonic()
         self._wait_for(topics, jaw, command)
         self._require_enabled()
@@ -166,6 +168,9 @@ class CrtkArm:
             self._alone_s = now_s
         if now_s - self._alone_s > ALONE_S:
             return ArmFault(self._name, Fault.LOST, f"{self._topic}/measured_js, for {age_s:.2f} s")
+        self._cut |= age_s > HEARD_S and now_s - self._new_s > HEARD_S  # it has braked long ago
+        if self._cut and age_s <= SILENT_S:
+            return ArmFault(self._name, Fault.STALE, "and are again: somebody may have moved it meanwhile")
         return self._unheard()
 
     def _unheard(self) -> ArmFault | None:
@@ -189,7 +194,7 @@ class CrtkArm:
     def send(self, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: float) -> None:
         """Stream a set-point; goals, increments and jaws only when they change."""
         del velocity
-        if self._fault is not None:
+        if self._fault is not None or self._cut:
             return
         if (q != self._last).any() or jaw_rad != self._jaw_last:
             self._new_s = time.monotonic()
@@ -228,6 +233,7 @@ def _commands(bus: Bus, topic: str, jaw: str, topics: Topics) -> dict[str, Subsc
     kinds |= {f"{topic}/{what}": JointState for what in ("servo_jp", "servo_jr", "servo_jv", "move_jp", "move_jr")}
     kinds |= {f"{topic}/{what}": poses for what in ("servo_cp", "servo_cr", "move_cp")}
     kinds |= {f"{jaw}/{what}": JointState for what in ("servo_jp", "servo_jr", "move_jp")}
+    kinds |= {f"{topic}/{what}": kind for what, kind in EFFORTS.items()} | {f"{topic}/servo_cv": TwistStamped}
     return {name: bus.subscriber(name, kind) for name, kind in kinds.items()}
 
 

@@ -286,3 +286,12 @@ def ros_name(kind: type) -> tuple[str, str]:
     """Return the package and the name of a message: ``sensor_msgs``, ``JointState``."""
     package, *_, name = kind.__idl_typename__.split(".")  # type: ignore[attr-defined]
     return package, name.removesuffix("_")
+
+
+EFFORTS: dict[str, type] = {
+    **dict.fromkeys(("servo_jf", "jaw/servo_jf"), JointState),
+    **dict.fromkeys(("body/servo_cf", "spatial/servo_cf"), WrenchStamped),
+    **dict.fromkeys(("use_gravity_compensation", "body/set_cf_orientation_absolute"), Bool),
+    "free": Empty,
+}
+"""Topics below an arm's that drive it by efforts."""

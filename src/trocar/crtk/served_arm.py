@@ -15,6 +15,7 @@ from trocar.arms import ArmModel, MotionLimits, ik, limit_violations
 from trocar.crtk.bus import Bus, Subscriber
 from trocar.crtk.convert import transform_of
 from trocar.crtk.messages import (
+    EFFORTS,
     Bool,
     Empty,
     Float64,
@@ -22,7 +23,6 @@ from trocar.crtk.messages import (
     PoseStamped,
     StringStamped,
     Time,
-    WrenchStamped,
 )
 from trocar.crtk.reports import ArmReport
 from trocar.crtk.servo import SetPoints
@@ -40,14 +40,7 @@ MOTIONS: dict[str, type] = {
     **dict.fromkeys(("servo_jp", "servo_jr", "move_jp", "move_jr", "jaw/servo_jp", "jaw/move_jp"), JointState),
     **dict.fromkeys(("servo_cp", "move_cp"), PoseStamped),
 }
-"""What an enabled arm does."""
-EFFORTS: dict[str, type] = {
-    **dict.fromkeys(("servo_jf", "jaw/servo_jf"), JointState),
-    **dict.fromkeys(("body/servo_cf", "spatial/servo_cf"), WrenchStamped),
-    **dict.fromkeys(("use_gravity_compensation", "body/set_cf_orientation_absolute"), Bool),
-    "free": Empty,
-}
-"""What needs an arm that is driven by efforts, so not this one."""
+"""What an enabled arm does; what is driven by efforts (``EFFORTS``) is refused, since the simulated arm is not."""
 ANSWER_S = 0.25
 """The state is told so much later to whoever begins to read it, or commands what changes nothing: rclpy believes .1 s
 before it hears a topic that it does (measured)."""

@@ -45,6 +45,9 @@ LATE_SHARE = 0.5
 MAX_UNSENT = 1000
 """While so many reports wait to be read, only those are kept that tell what was asked for."""
 LAST_WORDS_S = 0.5
+FOR_THE_SCRIPT = ("SIGINT", "SIGHUP", "SIGQUIT", "SIGTSTP")
+"""Ctrl-C, a terminal that is gone, Ctrl-backslash and Ctrl-Z are for the script: it brakes the arms, or its end or its
+silence does, for which the loop has to go on."""
 
 
 class HardwareLoop:
@@ -77,8 +80,9 @@ class HardwareLoop:
         self._closing = False
         self._report = Report(0, 0.0, 0.0, 0.0)
         lag = 1 + int(np.ceil(settings.lag_s / settings.tick_s))
-        for name, arm in self._arms.items():
+        for name in self._arms:
             self._devices[name] = connect(name)
+        for name, arm in self._arms.items():  # once all are connected, which takes a while
             q, jaw_rad = self._devices[name].commanded()
             q = np.array(q, dtype=np.float64)
             if q.shape != (6,) or not np.isfinite(np.append(q, jaw_rad)).all():
@@ -87,6 +91,11 @@ class HardwareLoop:
             self._sent[name] = deque([q], maxlen=lag)
             self._velocity[name] = np.zeros(6)
             self._jaw_goals[name] = jaw_rad
+            off = np.abs(np.array(self._devices[name].read().q, dtype=np.float64) - q)
+            if (off > arm.following(settings)).any():
+                joint = arm.model.joints[int(np.argmax(off - arm.following(settings)))].name
+                problem = f"nothing was sent yet, and {joint!r} reads {off.max():.4f} off what its controller holds"
+                raise ArmFault(name, Fault.FOLLOWING, problem)
 
     def tick(self, late_s: float = 0.0) -> Report:
         """Send the next set-points, read, check; return what happened."""
@@ -140,8 +149,9 @@ class HardwareLoop:
         if jaw.arm in self._faults:
             self._report.over.append((jaw.key, jaw.arm, Ending(MotionEnd.FAULT, self._faults[jaw.arm])))
             return
-        self._waiting[jaw.key, jaw.arm] = self.driver.start_jaw(jaw.arm, jaw.angle_rad)
-        self._jaw_goals[jaw.arm] = jaw.angle_rad
+        angle_rad = self.driver.jaw_command_rad(jaw.arm) if jaw.angle_rad is None else jaw.angle_rad
+        self._waiting[jaw.key, jaw.arm] = self.driver.start_jaw(jaw.arm, angle_rad)
+        self._jaw_goals[jaw.arm] = angle_rad
 
     def _clear(self, arms: Iterable[str]) -> None:
         """Forget faults, but of arms whose connection is broken."""
@@ -322,7 +332,9 @@ def serve(
         said: what the scripts' process says.
         told: where reports go; the first thing is None, or why the arms could not be connected.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the script, which brakes the arms
+    for name in FOR_THE_SCRIPT:
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     try:
         loop = HardwareLoop(arms, connect, settings)
     except Exception as error:

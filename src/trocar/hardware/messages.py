@@ -26,11 +26,11 @@ class Start:
 
 @dataclass(frozen=True)
 class Jaw:
-    """Drive an arm's jaws."""
+    """Drive an arm's jaws; None: they stay as they are commanded now."""
 
     key: int
     arm: str
-    angle_rad: float
+    angle_rad: float | None
 
 
 class Reason(TrocarError):

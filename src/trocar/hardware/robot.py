@@ -46,6 +46,7 @@ class _Job:
     rows: dict[str, list[tuple[float, ArmReport]]] = field(default_factory=dict)
     refusal: TrocarError | None = None
     over: trio.Event = field(default_factory=trio.Event)
+    before: dict[str, tuple[Trajectory, float] | None] = field(default_factory=dict)  # what it takes over from
 
 
 class HardwareRobot:
@@ -188,19 +189,43 @@ class HardwareRobot:
         start_tick = self._report.tick if at_tick is None else at_tick
         began = {name: (motion, start_tick * self.settings.tick_s) for name, motion in motions.items()}
         self._send(Start(key, dict(motions), at_tick))
+        job.before = {name: self._motions.get(name) for name in motions}
         self._motions |= began
         try:
             await job.over.wait()
         except trio.Cancelled:
             with trio.CancelScope(shield=True):
-                mine = tuple(name for name in job.arms if self._motions.get(name) is began[name])
-                if mine:
-                    self._stop(mine, MotionEnd.CANCELLED)
-                await job.over.wait()
+                await self._stopped(job, began)
             raise
         if job.refusal is not None:
             raise job.refusal
         return {name: self._result(job, name) for name in motions}
+
+    async def _stopped(self, job: _Job, began: Mapping[str, tuple[Trajectory, float]]) -> None:
+        """Return when motions that are not wanted any more have ended; what has not been taken over brakes.
+
+        What was to take over may still be refused, and then they go on until they are told to brake.
+        """
+        told: set[str] = set()
+        while not job.over.is_set():
+            mine = {name for name in job.arms if self._motions.get(name) is began[name]} - told
+            if mine:
+                self._stop(tuple(sorted(mine)), MotionEnd.CANCELLED)
+                told |= mine
+            with trio.move_on_after(self.settings.tick_s):
+                await job.over.wait()
+
+    def _restore(self, job: _Job) -> None:
+        """Note that motions were refused: what they were to take over from goes on."""
+        for name, before in job.before.items():
+            for other in self._jobs.values():
+                then = other.before.get(name)
+                if then is not None and then[0] is job.motions[name]:
+                    other.before[name] = before
+            now = self._motions.get(name)
+            if now is not None and now[0] is job.motions[name]:
+                self._motions.pop(name)
+                self._motions |= {} if before is None else {name: before}
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Ramp the jaws to this opening at their speed; return when they arrived or stall."""
@@ -210,7 +235,8 @@ class HardwareRobot:
         try:
             await job.over.wait()
         except trio.Cancelled:
-            self._send(Jaw(next(self._keys), arm, float(self.report(arm).sent[6])))
+            if key in self._jobs:
+                self._send(Jaw(next(self._keys), arm, None))
             raise
         if job.endings[arm].ended is MotionEnd.DONE:
             await self._jaws_still(arm, before_rad if way_rad > MOVED_RAD else math.inf)
@@ -331,7 +357,9 @@ class HardwareRobot:
         for key, refusal in report.refused:
             if key in self._jobs:
                 self._jobs[key].refusal = self._reason(next(iter(self._jobs[key].motions)), MotionEnd.HELD, refusal)
-                self._jobs.pop(key).over.set()
+                refused = self._jobs.pop(key)
+                self._restore(refused)
+                refused.over.set()
         for key, name, ending in report.over:
             if key in self._jobs:
                 self._end(key, name, ending)
