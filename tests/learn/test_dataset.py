@@ -1,6 +1,7 @@
 """Data sets that are written: layouts, videos, statistics, what is kept and what is refused."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -151,6 +152,47 @@ def test_what_is_there_is_not_written_again_and_an_interrupted_export_continues(
     next((tmp_path / "videos").rglob("file-001.mp4")).unlink()
     export_lerobot(trials, tmp_path)
     assert wrote == ["file-001.mp4"]
+
+
+def test_a_trial_that_was_run_again_is_written_again(trials, tmp_path):
+    export_lerobot(trials[:1], tmp_path)
+    moved = {**trials[0].arrays, "desired_psm1": trials[0].arrays["desired_psm1"] + np.float32(0.01)}
+    again = replace(trials[0], arrays=moved)
+    export_lerobot([again], tmp_path)
+    written = np.array(frames(tmp_path)[0][ACTION].to_pylist(), np.float32)
+    assert np.array_equal(written, episode_of(again).columns[ACTION])
+
+
+def test_a_data_set_that_is_being_changed_is_none(trials, tmp_path):
+    export_lerobot(trials, tmp_path)
+
+    def broken():
+        yield trials[0]
+        raise KeyboardInterrupt
+
+    class Interrupted(list):
+        __iter__ = staticmethod(broken)
+
+    with pytest.raises(KeyboardInterrupt):
+        export_lerobot(Interrupted(trials), tmp_path, commanded=True)
+    assert not (tmp_path / "meta" / "info.json").exists(), "it would be read, half old and half new"
+
+
+def test_a_trial_that_stopped_at_once_is_left_out_and_counted(trials, tmp_path):
+    cut = {k: v[:3] if k != "T_world_board" else v for k, v in trials[1].arrays.items()}
+    tiny = replace(trials[1], arrays=cut)
+    done = export_lerobot([trials[0], tiny, trials[2]], tmp_path)
+    assert (done.episodes, done.left_out, done.short) == (2, 0, 1)
+    with pytest.raises(InvalidInput, match="no trial of two frames or more"):
+        export_lerobot([tiny], tmp_path / "none")
+
+
+def test_pushes_are_not_taught_as_commands(trials, tmp_path):
+    """A policy for raw cables would learn to drift on, where noise had pushed its teacher."""
+    pushed = replace(trials[0], about={**trials[0].about, "command_noise": 2.0})
+    export_lerobot([pushed], tmp_path / "asked")
+    with pytest.raises(InvalidInput, match="would teach the pushes of --command-noise"):
+        export_lerobot([pushed], tmp_path / "sent", commanded=True)
 
 
 def test_failures_can_be_left_out_and_nothing_of_an_earlier_export_stays(trials, tmp_path):

@@ -50,6 +50,23 @@ def test_joints_are_those_that_the_model_of_the_cables_estimates(trial):
     assert off_m("true", trial.scenery.T_world_base) < off_m("measured", trial.scenery.T_world_base_registered) - 5e-4
 
 
+@pytest.mark.slow
+def test_noise_in_the_commands_is_in_what_is_observed(tmp_path):
+    """Demonstrations show how to come back to a path, if states say how far off it the arm is."""
+    task = make_task(TASKS["peg-transfer"], ["transfers=1"])
+    noisy = RunConfig(task, method="best", calibration="joints", seed=5, observations=True, command_noise=4.0)
+    trial = run_trial(noisy, prepare(noisy, 0, tmp_path), 0)
+    arm, seen = trial.about["arms"][0], trial.arrays["observed_state"][:, :3]
+    ticks = [int(k / 30 / 0.01 + 1e-6) for k in range(len(seen))]
+
+    def off_m(kind, bases):
+        poses = vectors(trial.scenery.arms[arm], bases[arm], trial.arrays[f"{kind}_{arm}"][ticks].astype(float))
+        return np.linalg.norm(poses[:, :3] - seen, axis=1)
+
+    assert off_m("desired", trial.scenery.T_world_base_registered).max() > 4e-3, "it was pushed"
+    assert off_m("true", trial.scenery.T_world_base).mean() < 1.2e-3
+
+
 def test_blocks_are_where_they_truly_lie_once_they_were_seen(trial):
     rows, block = trial.arrays["observed_objects"], trial.arrays["body_block1"]
     assert_allclose(rows[0, 3:5], 0.0)

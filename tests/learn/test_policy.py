@@ -1,6 +1,8 @@
 import json
 import socket
 import threading
+import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -120,6 +122,26 @@ def test_a_server_is_asked_line_by_line():
     assert heard[0] == {"reset": True}
     assert heard[1]["observation"]["state"] == [0.0] * 8
     assert heard[1]["observation"]["images.overhead"]["shape"] == [2, 3, 3]
+
+
+def test_a_server_whose_answer_never_ends_is_not_waited_for():
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def trickle():
+        link = server.accept()[0]
+        with suppress(OSError):
+            while True:
+                link.sendall(b" ")
+                time.sleep(0.05)
+
+    threading.Thread(target=trickle, daemon=True).start()
+    began_s = time.monotonic()
+    with (
+        load_policy(f"tcp://127.0.0.1:{server.getsockname()[1]}", timeout_s=0.5) as ask,
+        pytest.raises(InvalidInput, match=r"has not answered within 0\.5 s"),
+    ):
+        ask(SEEN)
+    assert time.monotonic() - began_s < 10.0
 
 
 @pytest.mark.slow

@@ -87,6 +87,9 @@ def test_commands_are_replayed_on_cables_that_err_and_kept_as_a_trial(trocar, da
     np.testing.assert_allclose(tips.translation_m, asked[:, :3], atol=5e-4)
     again = json.loads(trocar(*words)[1])
     assert again["arms"] == said["arms"], "what is kept is not played again"
+    export_lerobot([short()], data, commanded=True)
+    code, _, err = trocar(*words)
+    assert code == 2 and "holds another run" in err, "another episode of this name is another replay"
 
 
 @pytest.mark.slow

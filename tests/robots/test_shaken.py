@@ -40,10 +40,12 @@ def apart_m(asked, sent):
 
 
 def test_the_arm_leaves_the_path_and_comes_back_while_set_points_stay_on_it():
-    arms = shaken()
+    arms, pushes = shaken(), []
+    arms.each_tick.append(lambda: pushes.append(arms.robot.push("a")))
     asked, sent = watched(arms, lambda: arms.robot.move({"a": SLOW}))
     off = np.linalg.norm(apart_m(asked, sent), axis=1)
     moving_s = 0.01 * np.arange(1, len(asked) + 1)
+    np.testing.assert_allclose(pushes, sent - asked, atol=1e-12)
     assert 5e-4 < off.max() < 12e-3 and abs(moving_s[off.argmax()] - SLOW.duration_s / 2) < 0.1
     np.testing.assert_allclose(asked, SLOW(moving_s), atol=1e-9)
     np.testing.assert_allclose(sent[-1], GOAL, atol=1e-9)

@@ -58,7 +58,7 @@ def import_lerobot(
     from trocar.learn.replayed import COMPENSATED, METHOD, Source, deviations, register
 
     recorded = read_episode(data, episode)  # what is wrong with it is told before anything is made
-    source = Source(str(data.absolute()), episode, frame)
+    source = Source(str(data.absolute()), episode, frame, recorded.digest)
     kind = TASKS.pick(task)
     register(kind.name)
     config = RunConfig(

@@ -315,19 +315,22 @@ def export_episodes(trials: Sequence[Trial], strange: Sequence[str], out: Path, 
     with progress() as tick:
         done = export_lerobot(trials, out, layout=layout, tick=tick, **chosen)
     left = f"; {counted(done.left_out, 'trial')} left out that missed a goal" if done.left_out else ""
+    left += f"; {counted(done.short, 'trial')} left out that stopped at once" if done.short else ""
     line = f"{out}: {counted(done.episodes, 'episode')}, {counted(done.frames, 'frame')}, layout {layout}{left}"
     summary = {"out": str(out), "layout": layout, "episodes": done.episodes, "frames": done.frames}
-    summary |= {"features": done.features, "left_out": done.left_out, "left_aside": list(strange)}
+    summary |= {"features": done.features, "left_out": done.left_out, "short": done.short, "left_aside": list(strange)}
     return Result(summary, [line])
 
 
 def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:
     """Return the trials of a run's folder, or the one in a file, and a sentence for each that was left aside."""
     from trocar.eval.folder import load_trial, load_trials, still_to_do
+    from trocar.eval.trials import Trials
 
     if run.suffix == ".npz" and not run.is_dir():
         return [load_trial(run)], []
     if run.is_file():
         raise BadFile(run, "is not a trial", "give the folder of a run, or a file such as trial_000.npz")
     trials, strange = load_trials(run)
+    trials = Trials(sorted(trials.paths, key=lambda path: (int(path.parent.name[8:]), int(path.stem[6:]))))
     return trials, [*strange, *still_to_do(run, len(trials))]

@@ -10,13 +10,14 @@ import trio
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import MotionLimits, fk, ik
-from trocar.cell import Cell
+from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput, InvalidValue, MotionRefused, OutOfReach, UnknownName
 from trocar.geometry import SE3, SO3
 from trocar.learn.poses import WIDTH, action_names, state_names, turn_beside
 from trocar.motion.following import step_towards
 from trocar.perception.image import CameraModel, Image, Intrinsics, RgbdImage, whole_window
 from trocar.robots import TICK_S, Compensated
+from trocar.robots.shaken import Shaken
 
 JOINTS, CARTESIAN, ABSOLUTE = "joints", "cartesian", "cartesian-absolute"
 ACTIONS = (JOINTS, CARTESIAN, ABSOLUTE)
@@ -100,9 +101,10 @@ class Control:
         rows, poses = [], []
         for arm in self.arms:
             reading = self._cell.robot.read(arm)
-            tip = self._cell.T_world_base_registered[arm] @ fk(self._cell.arms[arm], reading.q)
+            q = reading.q + _untold(self._cell.robot, arm)
+            tip = self._cell.T_world_base_registered[arm] @ fk(self._cell.arms[arm], q)
             self._turns[arm] = turn = turn_beside(tip.rotation.as_quaternion()[[1, 2, 3, 0]], self._turns.get(arm))
-            rows += [reading.q, [reading.jaw_rad]]
+            rows += [q, [reading.jaw_rad]]
             poses += [tip.translation_m, turn, [reading.jaw_rad]]
         return {"joints": np.hstack(rows).astype(np.float32), "state": np.hstack(poses).astype(np.float32)}
 
@@ -231,6 +233,15 @@ def _bounds(cell: Cell, arm: str, action: str, rate_hz: float) -> tuple[NDArray[
     return np.append(-most, model.jaw.lower), np.append(most, model.jaw.upper)
 
 
+def _untold(robot: Robot, arm: str) -> NDArray[np.float64] | float:
+    """Return what a model of the cables does not know of an arm: the push of noise in its commands, which is below it.
+
+    Joints as the model estimates them are near what was asked for; the push has brought the arm away from there.
+    """
+    pushed = isinstance(robot, Compensated) and isinstance(robot.robot, Shaken)
+    return robot.robot.push(arm) if pushed else 0.0
+
+
 class Eyes:
     """The cameras of a cell, each with its last image; a script takes them one after the other, for ever."""
 
@@ -253,7 +264,7 @@ class Eyes:
                 found[f"{IMAGES}.{name}"] = np.zeros(image_shape(camera.model), np.uint8)
             else:
                 color = image.color if isinstance(image, RgbdImage) else np.hstack([image.left, image.right])
-                found[f"{IMAGES}.{name}"] = np.asarray(color, dtype=np.uint8)
+                found[f"{IMAGES}.{name}"] = np.array(color, dtype=np.uint8)  # whoever gets it may draw on it
         return found
 
 

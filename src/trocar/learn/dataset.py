@@ -6,6 +6,7 @@ an interrupted export continues where it stopped, and only a few trials are in m
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections import deque
@@ -24,7 +25,7 @@ from trocar.counting import Tick, untold
 from trocar.errors import BadFile, InvalidInput, UnknownName
 from trocar.eval.trial import Trial
 from trocar.files.output import bears, make_folder, mark_of, replacing
-from trocar.learn.episode import FPS, IMAGES, PHASE, STEP, Episode, episode_of
+from trocar.learn.episode import FPS, IMAGES, PHASE, STEP, Episode, episode_of, too_short
 from trocar.learn.meta import INSTRUCTION, KIND, LAYOUTS, Layout, Written, readme, write_meta
 from trocar.learn.statistics import statistics
 from trocar.learn.video import opened, write_video
@@ -37,13 +38,17 @@ DVRK = {"psm-classic": "dvrk", "psm-si": "dvrk"}
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export wrote: folder, episodes, frames, features, and how many trials were left out as failures."""
+    """What an export wrote: folder, episodes, frames, features, and how many trials were left out.
+
+    As failures, and because they stopped before their second frame.
+    """
 
     folder: Path
     episodes: int
     frames: int
     features: list[str]
     left_out: int
+    short: int
 
 
 @dataclass
@@ -86,13 +91,16 @@ def export_lerobot(
     place, how, words = _opened_folder(folder), LAYOUTS[layout], _Words()
     written: list[Written] = []
     first: tuple[Any, ...] = ()
-    left_out = 0
+    left_out = short = 0
     count = os.cpu_count() or 1
     with ThreadPoolExecutor(count) as pool:
         waiting: deque[_Draft] = deque()
         frames = 0
         for number, trial in enumerate(trials):
             tick("writing episodes", number, len(trials))
+            if too_short(trial):
+                short += 1
+                continue
             episode = episode_of(trial, commanded=commanded, truth=truth)
             if successes and not episode.about["success"]:
                 left_out += 1
@@ -108,12 +116,14 @@ def export_lerobot(
             if len(waiting) > count:
                 written.append(waiting.popleft().finished())
         written += [draft.finished() for draft in waiting]
+    if not written and not left_out:
+        raise InvalidInput("the run", "has no trial of two frames or more", "see in its report why they stopped")
     if not written:
         raise InvalidInput("the run", "has no trial that reached all its goals", "drop --successes")
     _remove_others(place, how, written)
     tick("writing episodes", len(trials), len(trials))
     write_meta(place, how, written, list(words.tasks), list(words.steps), list(words.phases))
-    return Exported(place, len(written), frames, list(written[0].features), left_out)
+    return Exported(place, len(written), frames, list(written[0].features), left_out, short)
 
 
 def _opened_folder(folder: str | Path) -> Path:
@@ -126,6 +136,7 @@ def _opened_folder(folder: str | Path) -> Path:
     card = place / "README.md"
     if any(place.iterdir()) and not (card.is_file() and bears(card, mark_of(KIND))):
         raise BadFile(place, f"holds files, but no {KIND} that Trocar wrote", "give another", kind="folder")
+    (place / "meta" / "info.json").unlink(missing_ok=True)  # nobody reads a data set that is being changed
     readme(place, [], "", [])
     return place
 
@@ -190,6 +201,17 @@ class _Draft:
         return Written(self.number, episode.frames, episode.task, self.features, found, episode.about, self.robot)
 
 
+def _digest(episode: Episode) -> str:
+    """Return a digest of an episode's numbers and images: a trial that was run again may have others."""
+    whole = hashlib.sha256()
+    for name, values in episode.columns.items():
+        whole.update(name.encode() + np.ascontiguousarray(values).tobytes())
+    for name, taken in episode.images.items():
+        for at_s, image in taken:
+            whole.update(f"{name} {at_s!r}".encode() + image)
+    return whole.hexdigest()[:16]
+
+
 def _draft(place: Path, layout: Layout, episode: Episode, number: int, start: int, words: _Words, robot: str) -> _Draft:
     """Return an episode with the columns that every data set has, its words counted over all episodes."""
     n = episode.frames
@@ -213,6 +235,7 @@ def _draft(place: Path, layout: Layout, episode: Episode, number: int, start: in
         shape = [*opened(taken[0][1]).shape]
         features[IMAGES + camera] = {"dtype": "video", "shape": shape, "names": ["height", "width", "channels"]}
     record = {"trocar": __version__, "layout": layout.name, "from": start, "features": features, **episode.about}
+    record["content"] = _digest(episode)
     record["words"] = [[words.steps[w] for w in episode.steps], [words.phases[w] for w in episode.phases]]
     return _Draft(place, layout, episode, number, columns, features, json.loads(json.dumps(record)), robot)
 

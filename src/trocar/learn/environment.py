@@ -140,6 +140,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         self._set_up(0, 0)
         goals = self.config.task.goals()
         if self._dense and goals and self._laboratory.task.errand(goals[0]) is None:
+            self.close()
             remedy = "take the sparse one, or give its world a method errand(goal)"
             raise InvalidInput(f"task {self.config.task.name!r}", "has no dense reward", remedy)
         control, cell, world = self._control, self._laboratory.cell, self._laboratory.world

@@ -58,6 +58,11 @@ class Episode:
         return len(self.columns[STATE])
 
 
+def too_short(trial: Trial) -> bool:
+    """Return whether a trial ended before its second frame: its policy failed at once, say."""
+    return bool(trial.times_s[-1] < 1 / FPS)
+
+
 def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) -> Episode:
     """Return a trial as an episode.
 
@@ -77,8 +82,11 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
     arms = [str(arm) for arm in trial.about["arms"]]
     times_s = np.arange(0, trial.times_s[-1] * FPS + 1e-6) / FPS
     which = f"session {trial.about['session']}, trial {trial.about['index']}"
-    if len(times_s) < 2:
+    if too_short(trial):
         raise InvalidInput(which, "is shorter than two frames", "leave it out")
+    if commanded and trial.about.get("command_noise"):
+        remedy = "drop --commanded, or make demonstrations without noise"
+        raise InvalidInput(f"--commanded of {which}", "would teach the pushes of --command-noise", remedy)
     if truth and trial.on_robot:
         raise InvalidInput(which, "is of real arms, whose truth nobody knows", "drop --truth")
     following, scenery = np.append(times_s[1:], trial.times_s[-1]), trial.scenery

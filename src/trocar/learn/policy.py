@@ -8,6 +8,7 @@ import json
 import queue
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
@@ -22,6 +23,8 @@ from trocar.registry import load_file
 Policy = Callable[[Mapping[str, Any]], Any]
 """Returns the action for an observation; None: it is done."""
 SERVER = "tcp://"
+MOST_BYTES = 1 << 20
+"""Of a server's answer: one action."""
 IN_FOLDER = "policy.py"
 WHAT = "give a folder with a policy.py, FILE.py:function, module:function, or tcp://HOST:PORT"
 
@@ -153,16 +156,32 @@ def _served(policy: str, timeout_s: float) -> Iterator[Policy]:
         link = socket.create_connection((host, int(port)), timeout_s)
     except OSError as error:
         raise InvalidInput(f"policy {policy!r}", f"does not answer: {error}", "start its server") from None
-    with link, link.makefile("rwb") as stream:
+    unread = b""
+    with link:
 
         def say(what: Mapping[str, Any]) -> None:
-            stream.write(json.dumps(what).encode() + b"\n")
-            stream.flush()
+            link.settimeout(timeout_s)
+            link.sendall(json.dumps(what).encode() + b"\n")
+
+        def answer() -> bytes:
+            """Return the next line, all of which must come in time."""
+            nonlocal unread
+            end_s = time.monotonic() + timeout_s
+            while b"\n" not in unread:
+                link.settimeout(max(1e-3, end_s - time.monotonic()))
+                come = link.recv(MOST_BYTES)
+                unread += come
+                if not come or len(unread) > MOST_BYTES:
+                    break
+                if time.monotonic() > end_s:
+                    raise TimeoutError
+            line, _, unread = unread.partition(b"\n")
+            return line
 
         def ask(seen: Mapping[str, Any]) -> Any:
             try:
                 say({"observation": {name: _plain(value) for name, value in seen.items()}})
-                line = stream.readline()
+                line = answer()
             except TimeoutError:
                 problem = f"has not answered within {timeout_s:g} s"
                 raise InvalidInput(f"policy {policy!r}", problem, "give it more with --set timeout_s=S") from None

@@ -42,11 +42,13 @@ class Source:
         data: folder of the data set.
         episode: number of the episode in it.
         frame: in which its poses are: ``world``, or each arm's own ``base``.
+        digest: of its numbers, so that another episode of this name is another run.
     """
 
     data: str = ""
     episode: int = 0
     frame: str = WORLD
+    digest: str = ""
 
     def __post_init__(self) -> None:
         if self.frame not in (WORLD, BASE):

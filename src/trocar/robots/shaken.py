@@ -48,6 +48,10 @@ class Shaken:
             return sent
         return replace(sent, q=asked(sent.path_s), velocity=sent.path_rate * asked(sent.path_s, 1))
 
+    def push(self, arm: str) -> NDArray[np.float64]:
+        """Return how far (6,) the push has brought an arm off the path that it was asked for by now."""
+        return self._robot.setpoint(arm).q - self.setpoint(arm).q
+
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Draw the pushes of motions that come next."""
         self._robot.prepare({arm: self._with_push(arm, motion) for arm, motion in motions.items()})
