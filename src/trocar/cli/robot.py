@@ -44,8 +44,8 @@ def run_robot(
     about = about_motion(what, config.robot, config.laboratory, config.arms)
     asks = agreed(config.robot, about, enable_motion=enable_motion, yes=yes, as_json=as_json)
     folder = out or default_folder(f"{config.task.name}-{config.method}-{config.seed}", config.unusual)
-    todo, stopped, hurt = open_folder(config, folder), False, list[str]()
-    for session, index in todo:
+    todo, stopped, left = open_folder(config, folder), False, False
+    for number, (session, index) in enumerate(todo):
         if asks and not typer.confirm(f"trial {index}: is the table ready, and may the arms move?", err=True):
             break
         trial = run_on_robot(config, index, _tell, attendant)
@@ -59,11 +59,13 @@ def run_robot(
         if stopped:
             break
         hurt = _lasting_faults(trial.events)
-        if hurt and not asks:  # to connect anew would forget them
+        begins = number + 1 < len(todo) and not asks
+        if hurt and begins:  # to connect anew would forget them
+            left = True
             beside().print(f"no other trial is begun by itself after: {'; '.join(hurt)}", markup=False)
             break
     all_succeeded = finish(folder, as_json, interrupted=stopped)
-    if stopped or hurt or (strict and not all_succeeded):
+    if stopped or left or (strict and not all_succeeded):
         raise typer.Exit(130 if stopped else 1)
 
 
