@@ -13,6 +13,7 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
+from crtk_partners import patient
 from trocar.calibration.recording import load_recording
 from trocar.collect.collection import Collection
 from trocar.lab import load_station, station_text
@@ -25,8 +26,6 @@ ENVIRONMENT = {
     "ROS_DOMAIN_ID": str(40 + os.getpid() % 150),
 }
 SEED, ROWS, STOPPED_AT = 2, 30, 12
-PATIENT = "loop = { stale_s = 5.0, max_stall_s = 60.0, max_late = 10000, lag_s = 5.0, watchdog_s = 60.0 }\n"
-"""What is tested is not how busy this machine is."""
 
 
 def trocar(*words):
@@ -43,7 +42,7 @@ def station(tmp_path):
     for line in process.stderr:
         if "a client's station" in line:
             break
-    mine.write_text(mine.read_text("utf-8").replace("[crtk]\n", f"[crtk]\n{PATIENT}"), encoding="utf-8")
+    patient(mine)
     yield mine
     process.kill()
     process.wait()

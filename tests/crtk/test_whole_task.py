@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
+from crtk_partners import patient
 from trocar.eval.trial import Trial
 
 pytestmark = pytest.mark.realtime
@@ -39,6 +40,7 @@ def served(tmp_path):
     for line in process.stdout:
         if "a client's station" in line:
             break
+    patient(tmp_path / "served" / "station.toml")
     yield process
     process.kill()
     process.wait()
