@@ -26,6 +26,7 @@ MADE = [
     errors.NoPlan("no path", planner="convex"),
     errors.ArmStopped("psm1", "the cable broke"),
     errors.MachineError("the disk is full"),
+    errors.EmergencyStop("a person pressed the emergency stop"),
 ]
 
 

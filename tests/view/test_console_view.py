@@ -143,13 +143,13 @@ def test_the_instrument_is_drawn_where_a_motion_would_bring_it_until_that_is_ans
         return int(((np.ptp(before, axis=-1) < 12) & (np.ptp(seen(), axis=-1) > 30)).sum())
 
     opened.show(words="Runs again")
-    opened.until(lambda: (np.ptp(seen(), axis=-1) > 100).mean() > 0.3)  # the scene is there: its board is red
-    opened.until(lambda: tinted(seen()) == 0)  # and has faded in
+    opened.until(lambda: (np.ptp(seen(), axis=-1) > 100).mean() > 0.3, 120.0)  # the scene is there: its board is red
+    opened.until(lambda: tinted(seen()) == 0, 120.0)  # and has faded in
     before = seen()
     opened.show(words="Waits", asks=True, ghosts={"psm1": Ghost(arm, base, tip_m + np.zeros((2, 3)), q, 0.5)})
-    opened.until(lambda: tinted(before) > 12_000)
+    opened.until(lambda: tinted(before) > 12_000, 120.0)
     opened.show(words="Goes")
-    opened.until(lambda: tinted(before) < 6_000)
+    opened.until(lambda: tinted(before) < 6_000, 120.0)
 
 
 def test_a_second_browser_may_watch_and_not_command(opened):
