@@ -322,6 +322,11 @@ def export_episodes(trials: Sequence[Trial], strange: Sequence[str], out: Path, 
     return Result(summary, [line])
 
 
+def _place(trial: Path) -> tuple[int, int]:
+    """Return session and number of a trial's file: by name alone, session 100 would come before session 11."""
+    return int(trial.parent.name.removeprefix("session_")), int(trial.stem.removeprefix("trial_"))
+
+
 def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:
     """Return the trials of a run's folder, or the one in a file, and a sentence for each that was left aside."""
     from trocar.eval.folder import load_trial, load_trials, still_to_do
@@ -332,5 +337,5 @@ def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:
     if run.is_file():
         raise BadFile(run, "is not a trial", "give the folder of a run, or a file such as trial_000.npz")
     trials, strange = load_trials(run)
-    trials = Trials(sorted(trials.paths, key=lambda path: (int(path.parent.name[8:]), int(path.stem[6:]))))
+    trials = Trials(sorted(trials.paths, key=_place))
     return trials, [*strange, *still_to_do(run, len(trials))]

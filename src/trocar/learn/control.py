@@ -238,8 +238,8 @@ def _untold(robot: Robot, arm: str) -> NDArray[np.float64] | float:
 
     Joints as the model estimates them are near what was asked for; the push has brought the arm away from there.
     """
-    pushed = isinstance(robot, Compensated) and isinstance(robot.robot, Shaken)
-    return robot.robot.push(arm) if pushed else 0.0
+    below = robot.robot if isinstance(robot, Compensated) else None
+    return below.push(arm) if isinstance(below, Shaken) else 0.0
 
 
 class Eyes:
