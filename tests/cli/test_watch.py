@@ -72,7 +72,8 @@ def test_an_emergency_stop_keeps_the_trial_with_its_reason(tmp_path):
 
     class Frightened(Watch):
         def _hear(self):
-            return [Said(Wish.EMERGENCY)] if self.console.cell.clock.now_s() > 1.0 else []
+            cell = self.console.cell
+            return [Said(Wish.EMERGENCY)] if cell is not None and cell.clock.now_s() > 1.0 else []
 
     with Frightened(speed=0.0, port=None) as watch:
         prepared = prepare(config, 0, tmp_path)
