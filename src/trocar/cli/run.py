@@ -23,7 +23,7 @@ from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside, rich_table
 from trocar.counting import counted
 from trocar.errors import BadFile, EmergencyStop, InvalidInput, InvalidValue, UnknownName
-from trocar.eval import METHODS, TASKS, Task, methods_of_any
+from trocar.eval import METHODS, TASKS, Method, Task, methods_of_any
 from trocar.eval.config import RunConfig
 from trocar.interruption import CtrlC
 
@@ -133,7 +133,7 @@ def _require_console(config: RunConfig, watch: bool, confirm: str, speed: float,
     """Raise if something is asked for that only a person at a console can do, and there is none, or cannot be."""
     if watch and config.robot and speed != 1.0:
         raise InvalidInput(f"--speed {speed:g}", "is for the clock of a simulated cell", "drop it, or --robot")
-    if watch and confirm and hasattr(config.chosen_method.make_settings(), "policy"):
+    if watch and confirm and _is_policy(config.chosen_method):
         raise InvalidInput(f"--confirm {confirm}", "is for motions, and a policy streams its steps", "drop it")
     if watch:
         return
@@ -168,9 +168,14 @@ def _watched(watch: bool, confirm: str, speed: float, devices: int | None, jobs:
         beside().print(f"from a hand to the set-point: p50 {p50:.0f} ms, p95 {p95:.0f} ms")
 
 
+def _is_policy(method: Method) -> bool:
+    """Return whether a method is a learned policy, which has to be named."""
+    return hasattr(method.make_settings(), "policy")
+
+
 def _with_policy(run: Mapping[str, Any], policy: str) -> dict[str, Any]:
     """Return the options of a run with those of its policy, which is tried out before anything is written."""
-    asked = run["method"] in methods_of_any() and hasattr(METHODS[f"*/{run['method']}"].make_settings(), "policy")
+    asked = run["method"] in methods_of_any() and _is_policy(METHODS[f"*/{run['method']}"])
     if asked and not policy:
         raise InvalidInput(f"--method {run['method']}", "names no policy", "give --policy DIR, or module:function")
     if not policy:
