@@ -55,6 +55,8 @@ class Record:
         date: day of the measurement.
         digest: of the sources then (``source_age``).
         older: the code had changed when pages were written last.
+        trials: digests of the trials of the first sessions, by their paths.
+        same_at: commit of later code that made the same trials in these sessions; empty: there is none.
     """
 
     command: str
@@ -63,6 +65,8 @@ class Record:
     date: str
     digest: str
     older: bool = False
+    trials: Mapping[str, str] = field(default_factory=dict)
+    same_at: str = ""
 
 
 def read_measurements(root: Path) -> dict[str, Measurement]:

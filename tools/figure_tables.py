@@ -108,7 +108,8 @@ def percent(value: float, digits: int = 1) -> str:
 
 
 def _seen(measurement: Measurement, record: Record | None) -> dict[str, Any]:
-    """Return what a template sees: values, if there are any, ``command``, ``commit`` (or an empty one), ``older``."""
+    """Return what a template sees: values, if there are any, and ``command``, ``commit``, ``same_at``, ``older``."""
     if record is None:
         return {"command": measurement.command, "commit": ""}
-    return {**record.values, "command": record.command, "commit": record.commit, "older": record.older}
+    told = {"command": record.command, "commit": record.commit, "same_at": record.same_at, "older": record.older}
+    return {**record.values, **told}

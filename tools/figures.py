@@ -5,7 +5,8 @@
     python tools/figures.py check                 exit code 1: pages are not what was measured, or README not up to date
 
 ``measure`` without names measures what the code has changed under, the longest first, two at a time, each with half of
-the cores; what was interrupted goes on where it stopped. How a figure is declared: docs/figures.md, "Adding a figure".
+the cores; what was interrupted goes on where it stopped. Figures of trials are carried over if the first two sessions
+come out the same to the last bit. How a figure is declared: docs/figures.md, "Adding a figure".
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pathlib import Path
 
 from declared_figures import Measurement, Record, read_measurements, read_record, write_record
 from figure_tables import Tables
-from measure_figures import measure
+from measure_figures import FIRST, measure
 from source_age import why_older
 from trocar.errors import TrocarError
 
@@ -97,17 +98,20 @@ def measure_all(figures: Figures, given: argparse.Namespace) -> int:
     print(f"{len(todo)} to measure, about {sum(each.minutes for each in todo) / AT_ONCE:.0f} minutes of two idle cores")
     together = sorted((each for each in todo if not each.alone), key=lambda each: -each.minutes)
     alone = [each for each in todo if each.alone]
-    failed = _measured(figures, together, AT_ONCE) + _measured(figures, alone, 1)
+    failed = _measured(figures, together, AT_ONCE, given.again) + _measured(figures, alone, 1, given.again)
     return int(failed > 0)
 
 
-def _measured(figures: Figures, todo: Sequence[Measurement], at_once: int) -> int:
-    """Measure in this order, so many at once, writing the pages after each; return how many failed."""
+def _measured(figures: Figures, todo: Sequence[Measurement], at_once: int, again: bool) -> int:
+    """Measure in this order, so many at once, writing the pages after each; return how many failed.
+
+    Unless ``again``, figures of trials are carried over where the first sessions are the same.
+    """
     failed, jobs = 0, max(1, (os.cpu_count() or 1) // AT_ONCE)
 
     def begin(each: Measurement) -> Record:
         print(f"{each.name}: {each.command}", flush=True)
-        return measure(figures.root, each, jobs)
+        return measure(figures.root, each, jobs, None if again else figures.records.get(each.name))
 
     with ThreadPoolExecutor(at_once) as pool:
         running: dict[Future[Record], Measurement] = {pool.submit(begin, each): each for each in todo}
@@ -117,7 +121,9 @@ def _measured(figures: Figures, todo: Sequence[Measurement], at_once: int) -> in
                 try:
                     figures.records[name] = done.result()
                     figures.write()
-                    print(f"[{number}/{len(todo)}] {name}: measured", flush=True)
+                    same, then = figures.records[name].same_at, figures.records[name].commit
+                    told = f"the first {FIRST} sessions are the same as at {then}, carried over" if same else "measured"
+                    print(f"[{number}/{len(todo)}] {name}: {told}", flush=True)
                 except TrocarError as error:
                     print(f"[{number}/{len(todo)}] {name}: {error}", flush=True)
                     failed += 1
@@ -153,7 +159,7 @@ def main(words: Sequence[str] | None = None, root: Path = ROOT) -> int:
     measuring = verbs.add_parser("measure", help="run commands and write their figures into the pages")
     measuring.add_argument("names", nargs="*", metavar="NAME", help="none: all that are older than the code")
     measuring.add_argument("--at-most", type=float, default=float("inf"), metavar="MINUTES", help="no longer ones")
-    measuring.add_argument("--again", action="store_true", help="also what is of today's code")
+    measuring.add_argument("--again", action="store_true", help="also what is of today's code, and all sessions")
     verbs.add_parser("write", help="write the tables anew from what was measured")
     verbs.add_parser("check", help="pages against records, and records against the code")
     given = parser.parse_args(words)

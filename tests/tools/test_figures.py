@@ -44,6 +44,34 @@ else:
     runs = [{"name": "slow", "count": 3, "no": 1}, {"name": "fast", "count": 4, "no": 1}]
     print(json.dumps({"runs": runs, "rate": 0.0625, "no": 2}))
 """
+TRIALS = """
+import re, sys
+from pathlib import Path
+import numpy as np
+from trocar.eval.trial import FORMAT, VERSION
+from trocar.files.archive import Archive
+
+def force_n(session):
+    return 2.0 * session
+
+sessions, folder = int(re.search(r"--sessions (.d+)", " ".join(sys.argv))[1]), Path(sys.argv[-1])
+for session in range(sessions):
+    path = folder / f"session_{session:02d}" / "trial_000.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    header = {"format": FORMAT, "version": VERSION, "about": {"versions": CODE_VERSION}, "forces": force_n(session)}
+    Archive(header, {"q": np.full(3, force_n(session))}).save(path)
+    with open("sessions_made", "a") as file:
+        print(session, file=file)
+print(f"{sessions} sessions, {sum(force_n(session) for session in range(sessions)):g} N")
+"""
+OF_TRIALS = """
+[measured.trials]
+command = "python trials.py --sessions 5"
+run_with = "--out {folder}"
+find = { force_n = 'sessions, (.*) N' }
+sources = ["trials.py"]
+minutes = 1
+"""
 HEADLINES = """{% from "phrases.j2" import headline %}
 {% call headline("drops", drops, "3") %}{{ drops.runs.fast.count }}, {{ drops.rate | percent }} %{% endcall %}
 """
@@ -135,7 +163,7 @@ def test_the_longest_is_measured_first_two_at_a_time_and_what_compares_speeds_al
     running, begun, seen = set(), [], {}
     both = threading.Barrier(2)
 
-    def measured(root, each, jobs):
+    def measured(root, each, jobs, before):
         running.add(each.name)
         begun.append(each.name)
         if len(begun) <= 2:
@@ -199,6 +227,68 @@ def test_comments_and_docstrings_make_no_table_older_even_where_the_commit_is_go
     (repository / "code.py").write_text(f'"""Counts drops."""\n{CODE}\n# Faster than before.\n')
     assert figures.main(["check"], repository) == 0
     assert "2 of 2 measurements are of today's code" in capsys.readouterr().out
+
+
+@pytest.fixture
+def trials(repository):
+    """The same repository with a measurement of five sessions; gives its program anew, and which sessions it made."""
+
+    def change(text):
+        (repository / "trials.py").write_text(text)
+        git(repository, "commit", "-qam", "changed")
+        (repository / "sessions_made").unlink(missing_ok=True)
+
+    def made():
+        return [int(number) for number in (repository / "sessions_made").read_text().split()]
+
+    declared = repository / "docs/figures/all.toml"
+    declared.write_text(declared.read_text() + OF_TRIALS)
+    table = repository / "docs/figures/tables/all.md.j2"
+    table.write_text(table.read_text() + '{% call row("force", trials, "") %}{{ trials.force_n }}{% endcall %}\n')
+    text = TRIALS.replace("(.d+)", r"(\d+)").replace("CODE_VERSION", "1")
+    (repository / "trials.py").write_text(text)
+    (repository / ".gitignore").write_text("out\nsessions_made\n")
+    git(repository, "add", ".")
+    git(repository, "commit", "-qm", "trials")
+    return text, change, made
+
+
+def test_figures_are_carried_over_to_code_that_makes_the_same_trials(repository, trials, capsys):
+    text, change, made = trials
+    assert figures.main(["measure", "trials"], repository) == 0
+    measured = git(repository, "rev-parse", "--short", "HEAD").strip()
+    assert made() == [0, 1, 2, 3, 4]
+    change(text.replace("2.0 * session", "float(session + session)").replace('"versions": 1', '"versions": 2'))
+    later = git(repository, "rev-parse", "--short", "HEAD").strip()
+    assert figures.main(["check"], repository) == 1
+    assert figures.main(["measure", "--at-most", "1"], repository) == 0
+    assert f"the first 2 sessions are the same as at {measured}, carried over" in capsys.readouterr().out
+    assert made() == [0, 1]
+    assert (
+        f"| force | 20 |  | at `{measured}`, carried over to `{later}`: "
+        in (repository / "docs/figures.md").read_text()
+    )
+    assert "trials" not in figures.Figures(repository).older()
+
+
+@pytest.mark.parametrize("changed", ["2.5 * session", "2.0 * session + (session == 1) * 1e-15"])
+def test_code_that_makes_other_trials_is_measured_again_in_all_sessions(repository, trials, changed, capsys):
+    text, change, made = trials
+    figures.main(["measure", "trials"], repository)
+    change(text.replace("2.0 * session", changed))
+    assert figures.main(["measure", "trials"], repository) == 0
+    assert "carried over" not in capsys.readouterr().out
+    assert made() == [0, 1, 0, 1, 2, 3, 4]
+    assert json.loads((repository / "docs/figures/measured/trials.json").read_text())["same_at"] == ""
+
+
+@pytest.mark.parametrize("words", [["--again"], ["trials", "--again"]])
+def test_all_sessions_are_measured_again_where_that_is_asked_for(repository, trials, words):
+    text, change, made = trials
+    figures.main(["measure", "trials"], repository)
+    change(text.replace("2.0 * session", "float(session + session)"))
+    assert figures.main(["measure", *words], repository) == 0
+    assert made() == [0, 1, 2, 3, 4]
 
 
 def test_code_that_changes_while_it_is_measured_gives_no_figure(repository, monkeypatch, capsys):
