@@ -1,7 +1,10 @@
 """How long computations take, whatever else a machine does meanwhile, and how fast it is."""
 
+import json
 import time
+from enum import Enum
 
+import numpy as np
 import pytest
 
 from trocar import log
@@ -53,3 +56,18 @@ def test_a_span_is_begun_until_it_has_ended_however_it_ends():
         assert kept.begun == [("psm1", "grasp", 0.0)]
     assert not kept.begun
     assert kept.spans == [log.Span("psm1", "motion", 1.0, 2.0), log.Span("psm1", "grasp", 0.0, 3.0)]
+
+
+def test_whatever_a_script_notes_can_be_saved():
+    """A trial of real arms cannot be run again because somebody noted a NumPy number."""
+
+    class Grip(Enum):
+        FIRM = 1
+
+    kept = log.CellLog(lambda: 2.0)
+    kept.event("grasp", found=np.bool_(True), angle_rad=np.float32(0.5), count=np.int64(3), gap_m=float("nan"))
+    kept.event("grasp", at_m=np.array([0.1, np.inf]), grip=Grip.FIRM, seen={"a": (1, np.float64(2.0))}, plain=(1, "b"))
+    one, other = json.loads(json.dumps(kept.events, allow_nan=False))
+    assert one == {"name": "grasp", "time_s": 2.0, "found": True, "angle_rad": 0.5, "count": 3, "gap_m": None}
+    assert other["at_m"] == [0.1, None] and other["grip"] == "Grip.FIRM" and other["seen"] == {"a": [1, 2.0]}
+    assert kept.events[1]["plain"] == (1, "b"), "what JSON can hold stays as it is"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -105,8 +106,9 @@ class CellLog:
             self.spans.append(Span(*begun, round(self.clock(), 6)))
 
     def event(self, name: str, **values: object) -> None:
-        """Note something that happened now."""
-        self.events.append({"name": name, "time_s": round(self.clock(), 6), **values})
+        """Note something that happened now; NumPy's numbers become plain ones, those that are not finite None."""
+        noted = {key: _plain(value) for key, value in values.items()}
+        self.events.append({"name": name, "time_s": round(self.clock(), 6), **noted})
         if self.listener is not None:
             self.listener(self.events[-1])
 
@@ -126,6 +128,20 @@ class CellLog:
     def compute(self, name: str, seconds: float, budget_s: float) -> None:
         """Note the real time of a computation."""
         self.computations.append(Computation(name, seconds, budget_s))
+
+
+def _plain(value: object) -> object:
+    """Return what JSON can hold of a value: a trial is saved whatever its script noted."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        items = [_plain(item) for item in value]
+        return tuple(items) if isinstance(value, tuple) else items
+    return value if isinstance(value, str | int | None) else str(value)
 
 
 def timed(function: Callable[[], Result]) -> tuple[Result, float]:

@@ -88,6 +88,30 @@ def test_after_a_fault_that_lasts_no_other_trial_begins_by_itself(fault, begun, 
     assert len(trials) == begun
 
 
+def test_a_trial_is_kept_before_a_person_is_asked_how_it_went(robot, tmp_path, monkeypatch):
+    import trocar.cli.robot
+    import trocar.eval.on_robot
+
+    def trial(config, index, *_):
+        return SimpleNamespace(events=[], scores=[{}], about={}, ended="done", goal_noun="transfer", save=saved)
+
+    def saved(path):
+        kept.append(path.name)
+
+    def gone(*_):
+        raise typer.Abort
+
+    kept = []
+    monkeypatch.setattr(trocar.eval.on_robot, "run_on_robot", trial)
+    monkeypatch.setattr(trocar.cli.robot, "agreed", lambda *_, **__: True)
+    monkeypatch.setattr(trocar.cli.robot.typer, "confirm", lambda *_, **__: True)
+    monkeypatch.setattr(trocar.cli.robot, "_tally", gone)
+    config = RunConfig(PegTransfer(), method="uncalibrated", robot=robot)
+    with pytest.raises(typer.Abort):
+        run_robot(config, tmp_path / "out", strict=False, as_json=False, enable_motion=True, yes=False)
+    assert kept == ["trial_000.npz"]
+
+
 def test_nothing_moves_unless_motion_is_enabled_and_somebody_agrees(robot, tmp_path, monkeypatch):
     import trocar.eval.on_robot
 

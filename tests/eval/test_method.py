@@ -143,8 +143,13 @@ def test_an_option_that_every_run_has_is_refused():
     class Seeded(Knitting):
         seed: int = option(0, "Mine.")
 
-    with pytest.raises(TrocarError, match="option 'seed' of task 'knitting' is already an option of every run"):
-        run_command(Seeded)
+    @dataclass(frozen=True)
+    class Fast(Knitting):
+        stitches_per_s: float = option(1.0, "Mine too.", flag="seed")
+
+    for kind, name in ((Seeded, "seed"), (Fast, "stitches_per_s")):
+        with pytest.raises(TrocarError, match=f"option '{name}' of task 'knitting' is already an option of every run"):
+            run_command(kind)
 
 
 # Methods and perceptions.

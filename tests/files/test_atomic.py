@@ -3,7 +3,10 @@
 import subprocess
 import sys
 
-from trocar.files.output import drafted, write_json
+import pytest
+
+from trocar.files import output
+from trocar.files.output import clear_drafts, drafted, write_json
 
 WRITER = """
 import sys, time
@@ -35,4 +38,23 @@ def test_the_draft_of_a_killed_process_is_removed_and_that_of_a_living_one_is_no
 def test_two_drafts_of_one_process_do_not_meet(tmp_path):
     with drafted(tmp_path / "a.npz") as one, drafted(tmp_path / "a.npz") as other:
         assert one != other and one.is_file() and other.is_file()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(output.fcntl is None, reason="without locks, nobody clears")
+def test_a_draft_that_another_process_clears_before_it_is_locked_is_made_anew(tmp_path, monkeypatch):
+    lock, locked = output.fcntl.flock, []
+
+    def late(handle, how):
+        if how == output.fcntl.LOCK_SH:
+            locked.append(handle)
+            if len(locked) == 1:
+                clear_drafts(tmp_path)  # as another process would
+        lock(handle, how)
+
+    monkeypatch.setattr(output.fcntl, "flock", late)
+    with drafted(tmp_path / "trial.npz") as draft:
+        assert len(locked) == 2 and draft.is_file()
+        clear_drafts(tmp_path)
+        assert draft.is_file(), "it is locked"
     assert not list(tmp_path.iterdir())

@@ -1,17 +1,20 @@
 """A task that does what it must passes; one that breaks a promise is refused in a sentence that names it."""
 
 import importlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from trocar.cli.run import RUN
+from trocar.cli.task_group import OF_RUN, flag_of
 from trocar.errors import InvalidInput
 from trocar.eval import TASKS, option
 from trocar.registry import PLUGIN_MODULE, load_plugin
 from trocar.testing import CheckFailed, check_task
 from trocar.testing.task import (
+    RESERVED,
     check_description,
     check_methods,
     check_scene,
@@ -67,11 +70,24 @@ def test_what_it_says_of_itself(dots):
         check_description(Taken)
 
     @dataclass(frozen=True)
+    class Spelt(dots):
+        pen_speed: float = option(1.0, "Taken on the command line.", flag="speed")
+
+    with pytest.raises(CheckFailed, match=r"options of its own, not \['speed'\]"):
+        check_description(Spelt)
+
+    @dataclass(frozen=True)
     class Among(dots):
         shape: str = option("oval", "Shape.", choices=("round", "square"))
 
     with pytest.raises(CheckFailed, match="default for shape that is among its choices"):
         check_description(Among)
+
+
+def test_every_option_of_a_run_is_known_to_be_taken(dots):
+    own = {flag_of(field) for field in (*fields(dots), *OF_RUN.values())}
+    taken = {word.removeprefix("--") for one in RUN.command(dots).params for word in one.opts if word not in own}
+    assert taken <= RESERVED
 
 
 def test_its_methods_name_planners_that_exist(dots):

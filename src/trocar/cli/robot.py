@@ -49,12 +49,13 @@ def run_robot(
         if asks and not typer.confirm(f"trial {index}: is the table ready, and may the arms move?", err=True):
             break
         trial = run_on_robot(config, index, _tell, attendant)
-        if asks:
-            trial.about["tally"] = _tally(len(trial.scores), trial.goal_noun)
         path = trial_file(folder, session, index)
         path.parent.mkdir(parents=True, exist_ok=True)
         set_aside(path)
-        trial.save(path)
+        trial.save(path)  # before anything is asked: arms cannot do it again
+        if asks:
+            trial.about["tally"] = _tally(len(trial.scores), trial.goal_noun)
+            trial.save(path)
         stopped = trial.ended == STOPPED or (attendant is not None and bool(attendant.ended))
         if stopped:
             break

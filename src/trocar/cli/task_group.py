@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Option
+from typer.models import OptionInfo
 
 from trocar.cli.group import Deferred, Group, Known, command_of
 from trocar.cli.options import Plugins, load_given
@@ -85,10 +86,11 @@ class TaskGroup(Group):
         of_body = inspect.signature(self.body, eval_str=True).parameters.values()
         parameters += [one for one in of_body if one.name not in ("task", "options", "run")]
         own, varied = {field.name: field for field in fields(task)}, self.varied(task)  # type: ignore[arg-type]
-        for one in parameters:
-            if one.name in own:
+        taken = {one.name for one in parameters} | {flag for one in parameters for flag in _flags(one)}
+        for name, field in own.items():
+            if taken & {name, flag_of(field)}:
                 problem = "is already an option of every run"
-                raise InvalidInput(f"option {one.name!r} of task {task.name!r}", problem, "give it another name")
+                raise InvalidInput(f"option {name!r} of task {task.name!r}", problem, "give it another name")
         classes = (kind for kind in reversed(task.__mro__) if kind not in (Task, object))
         hints = {k: v for kind in classes for k, v in inspect.get_annotations(kind, eval_str=True).items()}
         for name, field in own.items():
@@ -112,20 +114,31 @@ def _about(task: type[Task]) -> str:
     return f"{task.about[:1].upper()}{task.about[1:]}"
 
 
+def flag_of(field: Field[Any]) -> str:
+    """Return how a field of a task or a run is spelt on the command line."""
+    return f"--{(field.metadata.get('flag') or field.name).replace('_', '-')}"
+
+
+def _flags(parameter: inspect.Parameter) -> set[str]:
+    """Return how a command's parameter is spelt."""
+    options = (one for one in getattr(parameter.annotation, "__metadata__", ()) if isinstance(one, OptionInfo))
+    spelt = {word for option in options for word in option.param_decls or ()}
+    return spelt or {f"--{parameter.name.replace('_', '-')}"}
+
+
 def _parameter(
     field: Field[Any], hint: Any, panel: str = "", choices: Sequence[str] = (), *, listed: bool = False
 ) -> inspect.Parameter:
     """Return the command line's parameter of a field that ``option`` declares; ``listed``: of several of its values."""
     about, kind = {"help": "", "flag": "", "metavar": "", "shown": "", **field.metadata}, hint
     default = None if field.default is MISSING else field.default
-    name, metavar, shown = about["flag"] or field.name, about["metavar"], about["shown"] or default is not None
+    flag, metavar, shown = flag_of(field), about["metavar"], about["shown"] or default is not None
     help = about["help"] + (f" One of {', '.join(choices)}." if choices else "")
     if hint == tuple[str, ...]:
         kind, default, shown = list[str] | None, None, False
     if listed:
-        kind, default, name = str, "", f"{field.name.removesuffix('s')}s"
+        kind, default, flag = str, "", f"--{field.name.removesuffix('s')}s"
         help, metavar, shown = about["help"], "A,B,...", "all"
-    flag = f"--{name.replace('_', '-')}"
     described = Option(flag, help=help, metavar=metavar or None, rich_help_panel=panel or None, show_default=shown)
     annotation = Annotated[kind, described]
     return inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)

@@ -129,19 +129,36 @@ def drafted(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     clear_drafts(path.parent)
-    draft = path.with_name(f".trocar-{os.getpid()}-{next(_NUMBERS)}.part{path.suffix}")
-    handle = os.open(draft, os.O_CREAT | os.O_RDWR, 0o666)
+    draft, handle = _locked_draft(path)
+    while not _is_at(draft, handle):  # between its making and its lock, another process has taken it for left behind
+        os.close(handle)
+        draft, handle = _locked_draft(path)
+    if fcntl is None:
+        os.close(handle)  # on Windows, an open file cannot be renamed
     try:
-        if fcntl is None:
-            os.close(handle)  # on Windows, an open file cannot be renamed
-        else:
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(handle, fcntl.LOCK_SH)
         yield draft
     finally:
         draft.unlink(missing_ok=True)
         if fcntl is not None:
             os.close(handle)
+
+
+def _locked_draft(path: Path) -> tuple[Path, int]:
+    """Make an empty draft beside a file; return it, and its open file, locked where that can be."""
+    draft = path.with_name(f".trocar-{os.getpid()}-{next(_NUMBERS)}.part{path.suffix}")
+    handle = os.open(draft, os.O_CREAT | os.O_RDWR, 0o666)
+    if fcntl is not None:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_SH)
+    return draft, handle
+
+
+def _is_at(path: Path, handle: int) -> bool:
+    """Return whether an open file is still the one of this name."""
+    try:
+        return os.path.samestat(os.fstat(handle), os.stat(path))
+    except FileNotFoundError:
+        return False
 
 
 def clear_drafts(folder: str | Path) -> None:

@@ -22,8 +22,8 @@ MAX_BYTES = 1 << 30
 
 END_BYTES = 22 + 65535
 """Maximum size of a zip's last record, with the longest comment; it states how long the list of members is."""
-MAX_LIST_BYTES = 1 << 20
-"""Maximum size of a zip's list of members, enough for thousands; reading a longer one could take forever."""
+MAX_LIST_BYTES = 8 << 20
+"""Maximum size of a zip's list of members: images with depth for hours; a longer one could take forever to read."""
 
 UNREADABLE = (
     *(OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, NotImplementedError, RuntimeError),
@@ -76,24 +76,28 @@ def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     Raises:
         OSError: it cannot be read.
         ValueError: it is neither, it is damaged, an array is not what its header claims, or holds Python objects.
-        TrocarError: it is a zip of more members than any file of numbers has.
+        TrocarError: it is larger, or a zip of more members, than any file of numbers.
     """
     path = Path(path)
     require_short_list(path)
     if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"larger than {MAX_BYTES >> 20} MB")
+        raise _too_large(path)
     if not zipfile.is_zipfile(path):
         return {"": array_of(path.read_bytes())}
     try:
         with zipfile.ZipFile(path) as file:
             members = [member for member in file.infolist() if member.filename.endswith(".npy")]
             if sum(member.file_size for member in members) > MAX_BYTES:
-                raise ValueError(f"it claims to unpack to more than {MAX_BYTES >> 20} MB")
+                raise _too_large(path)
             return {member.filename.removesuffix(".npy"): array_of(file.read(member)) for member in members}
-    except OSError:
+    except (OSError, TrocarError):
         raise
     except UNREADABLE as error:
         raise ValueError(str(error)) from None
+
+
+def _too_large(path: Path) -> TrocarError:
+    return BadFile(path, f"holds more than {MAX_BYTES >> 20} MB", "give a part of it", kind="file")
 
 
 def read_numbers(path: str | Path, what: str, name: str = "") -> NDArray[np.float64]:

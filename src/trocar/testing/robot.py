@@ -189,9 +189,9 @@ class _RobotCheck:
         self._check_rest()
         at, read = self.robot.setpoint(self.arm).q, self.robot.read(self.arm)
         require(np.allclose(at, goal, atol=1e-6), self.subject, "have its set-point where its motion ended")
-        off = np.abs(read.q - goal)
         known = read.q.shape == (6,) and np.isfinite(read.q).all() and abs(read.time_s - self.cell.clock.now_s()) < 0.5
         require(known, self.subject, f"read six joints, not longer than .5 s ago: {read}")
+        off = np.abs(read.q - goal)
         require(np.all(off < self.tolerances), self.subject, f"read what was commanded at rest; it is {off} off")
 
     def _check_result(self, result: MotionResult) -> None:

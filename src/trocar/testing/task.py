@@ -30,7 +30,11 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.testing.requirement import require
 
 PLAIN = (bool, int, float, str, type(None))
-RESERVED = ("method", "seed", "trials", "sessions", "station", "out", "json", "plugin", "help")
+RESERVED = {
+    *("out", "jobs", "strict", "raise", "cache", "enable-motion", "yes", "policy", "watch", "confirm", "speed"),
+    *("devices", "plugin", "json", "quiet", "help", "config"),
+}
+"""Options of every task's command beside those of ``RunConfig``."""
 IDLE_S = 0.5
 
 
@@ -65,14 +69,15 @@ def check_description(kind: type[Task]) -> None:
     texts = [kind.about, kind.goal_noun, *(pick_method(kind, method).about for method in methods_of(kind))]
     plain = all(text and text.strip() == text and "\n" not in text and not text.endswith(".") for text in texts)
     require(plain, subject, "say of itself and its methods what they are in one line without a full stop")
-    flags = [field.metadata.get("flag") or field.name for field in _options(kind)]
+    flags = [_flag(field) for field in _options(kind)]
     for field in _options(kind):
         plain = field.default is not MISSING and isinstance(field.default, PLAIN)
         require(plain, subject, f"have a plain default for its option {field.name}")
         choices = field.metadata.get("choices") or ()
         among = not choices or field.default is None or field.default in choices
         require(among, subject, f"have a default for {field.name} that is among its choices")
-    taken = set(RESERVED) & {flag.replace("_", "-") for flag in flags}
+    of_run = {_flag(field) for field in fields(RunConfig) if field.metadata}
+    taken = (RESERVED | of_run) & set(flags)
     require(len(set(flags)) == len(flags) and not taken, subject, f"have options of its own, not {sorted(taken)}")
     task = kind()
     options = json.loads(json.dumps(task.options(), allow_nan=False))
@@ -222,6 +227,10 @@ def _idle_method(kind: type[Task]) -> Iterator[str]:
 
 def _options(kind: type[Task]) -> tuple[Field[Any], ...]:
     return fields(kind)  # type: ignore[arg-type]  # every task is a dataclass: see require_task
+
+
+def _flag(field: Field[Any]) -> str:
+    return str(field.metadata.get("flag") or field.name).replace("_", "-")
 
 
 def _subject(kind: type[Task]) -> str:
