@@ -4,7 +4,7 @@ BIN := .venv/bin
 ONCE_MORE := --reruns 1 --only-rerun "TimeoutError|TimeoutExpired" -rR --durations 12
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-.PHONY: demo test test-slow mutants lint bench figures figures-check docs clean
+.PHONY: demo test test-slow mutants lint figures figures-check docs clean
 
 demo: .venv/sim.stamp
 	$(BIN)/trocar run peg-transfer --method calibrated --trials 1 --seed 1 --out out/demo
@@ -29,9 +29,6 @@ lint: .venv/dev.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
-
-bench: .venv/dev.stamp
-	for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
 # Figures of README.md and docs/: measured where the code has changed since, an evening for all; ARGS="--at-most 5" leaves
 # out what takes longer. The check fails where README's figures are not of this code.

@@ -6,7 +6,6 @@ import json
 import webbrowser
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -186,12 +185,11 @@ def view(
     from trocar.eval.trial import Trial  # SciPy only when needed
 
     saved = Trial.load(trial_in(folder, session, trial))
-    from trocar.replay import painted
-    from trocar.report.files import report_of
+    from trocar.report.files import report_of, shown_replay
     from trocar.view.trial_view import TrialView  # viser is heavy
 
-    replay = saved.replay()
-    shown = TrialView(replace(replay, solids=painted(replay.solids, report_of(saved).colours)), port)
+    replay = shown_replay(saved, report_of(saved))
+    shown = TrialView(replay, port)
     address = f"http://127.0.0.1:{shown.port}"
     typer.echo(f"{replay.title}: {address} in a browser; Ctrl-C ends", err=True)
     if open_browser:

@@ -39,13 +39,15 @@ def _console(to_stderr: bool, quiet: bool) -> Console:
     return Console(stderr=to_stderr, quiet=quiet)
 
 
-def rich_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> Table:
-    """Return a table of right-aligned columns; an empty row draws a line."""
+def rich_table(
+    title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", *, text: int = 0
+) -> Table:
+    """Return a table whose first ``text`` columns are text, and the others numbers; an empty row draws a line."""
     from rich.table import Table  # not needed to list commands
 
     table = Table(title=title, caption=caption or None)
-    for column in columns:
-        table.add_column(column, justify="right", no_wrap=" " not in column)
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="left" if number < text else "right", no_wrap=" " not in column)
     for row in rows:
         if row:
             table.add_row(*row)

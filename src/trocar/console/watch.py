@@ -21,7 +21,6 @@ from trocar.hardware.laboratory import HardwareLaboratory
 from trocar.log import Sighting
 from trocar.perception.depth import project
 from trocar.perception.image import RgbdImage
-from trocar.registry import Lazy
 from trocar.replay import painted
 from trocar.sim.laboratory import SimLaboratory
 from trocar.view.console_view import ConsoleMoment, ConsoleView, Level, Said, Wish
@@ -106,7 +105,10 @@ class Watch:
         self._flaws = {} if config.robot else config.about()["flaws"]
         difficulty = () if config.robot else (f"flaws: {', '.join(config.how_difficult)}",)
         self._clock = ", ".join([f"trial {self._trials}", *difficulty])
-        scenery = replace(self._sight.scenery, solids=painted(self._sight.scenery.solids, _colours(config)))
+        from trocar.report.files import task_report  # Matplotlib only when needed
+
+        solids = painted(self._sight.scenery.solids, task_report(config.task).colours)
+        scenery = replace(self._sight.scenery, solids=solids)
         simulated = laboratory if isinstance(laboratory, SimLaboratory) else None
         limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
         console = Console(
@@ -194,8 +196,3 @@ def opened(scene: Scene, title: str, moment: Moment, port: int, say: Say) -> Con
     if not isinstance(moment, ConsoleMoment):
         raise InvalidInput("a console's page", f"got {type(moment).__name__}", "give a ConsoleMoment")
     return ConsoleView(scene, title, moment, port, say)
-
-
-def _colours(config: RunConfig) -> Mapping[str, tuple[float, float, float]]:
-    report = type(config.task).report
-    return getattr(report.load() if isinstance(report, Lazy) else report, "colours", {})

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk
 from trocar.geometry import SE3, SO3
+from trocar.hardware.laboratory import registered
 from trocar.lab.station import Station
 
 POSE_M, POSE_RAD = 2e-3, 0.02
@@ -126,11 +127,12 @@ def frame_of(station: Station, arm: str, T_base_tip: SE3, T: SE3) -> str | None:
         T_base_tip: (n,) poses in the arm's base.
         T: (n,) poses of the same moments, in the frame that is looked for.
     """
-    T_world_tip = base_of(station, arm) @ T_base_tip
+    T_world_base = {name: registered(one) for name, one in station.arms.items()}
+    T_world_tip = T_world_base[arm] @ T_base_tip
     guesses = {"the arm's own base": T_base_tip}
-    guesses |= {f"the base of {one!r}": base_of(station, one).inverse() @ T_world_tip for one in station.arms}
+    guesses |= {f"the base of {one!r}": T_world_base[one].inverse() @ T_world_tip for one in station.arms}
     for name, camera in station.cameras.items():
-        T_world_camera = camera.T_world_camera_registered or camera.T_world_camera
+        T_world_camera = registered(camera)
         T_world_view = T_world_camera @ SE3.from_parts(SO3.axis("z", pi))
         guesses[f"the frame of camera {name!r}"] = T_world_camera.inverse() @ T_world_tip
         guesses[f"the view frame of camera {name!r} (x left, y up)"] = T_world_view.inverse() @ T_world_tip
@@ -138,11 +140,5 @@ def frame_of(station: Station, arm: str, T_base_tip: SE3, T: SE3) -> str | None:
         if near(*apart(guess, T), FRAME_M, FRAME_RAD):
             return where
     others = [one for one in station.arms if one != arm]
-    swapped = [one for one in others if near(*apart(base_of(station, one) @ T_base_tip, T), FRAME_M, FRAME_RAD)]
+    swapped = [one for one in others if near(*apart(T_world_base[one] @ T_base_tip, T), FRAME_M, FRAME_RAD)]
     return f"the world if this is arm {swapped[0]!r}: two arms have each other's namespace" if swapped else None
-
-
-def base_of(station: Station, arm: str) -> SE3:
-    """Return an arm's base in the world, as registered if the station says so."""
-    found = station.arms[arm]
-    return found.T_world_base_registered or found.T_world_base

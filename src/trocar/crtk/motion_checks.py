@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from trocar.crtk.dialect import jaw_topic, joint_names, plain_name
-from trocar.crtk.explaining import FRAME_M, FRAME_RAD, POSE_M, POSE_RAD, Cause, apart, base_of, frame_of, near
+from trocar.crtk.explaining import FRAME_M, FRAME_RAD, POSE_M, POSE_RAD, Cause, apart, frame_of, near
 from trocar.crtk.heard_arm import ArmHeard, Finding
 from trocar.crtk.messages import JointState
 from trocar.geometry import shown
 from trocar.hardware.arm import DrivenArm, LoopSettings
+from trocar.hardware.laboratory import registered
 
 RANGE_SHARE, JAW_RAD = 5e-3, 0.02
 """How far beyond its range a joint may read, as a share of the range; and jaws."""
@@ -118,7 +119,7 @@ def frames(about: ArmHeard) -> Finding:
     some = np.unique(np.linspace(0, len(at_s) - 1, SAMPLES).astype(int))
     same = np.array([int(np.abs(local_s - at_s[k]).argmin()) for k in some])
     T, T_base_tip = T[some], T_base_tip[same]
-    off_m, off_rad = apart(base_of(about.station, about.arm) @ T_base_tip, T)
+    off_m, off_rad = apart(registered(about.station.arms[about.arm]) @ T_base_tip, T)
     if near(off_m, off_rad, FRAME_M, FRAME_RAD):
         return Finding(True, _off(off_m, off_rad))
     where = frame_of(about.station, about.arm, T_base_tip, T)

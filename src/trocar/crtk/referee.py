@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from trocar.errors import BadFile, InvalidValue
-from trocar.eval.config import SESSION, RunConfig, fingerprint
+from trocar.eval.config import SESSION, RunConfig
 from trocar.eval.folder import open_folder
 from trocar.eval.method import CLIENT, Method, NoSettings, methods_of, pick_method
 from trocar.eval.prepare import Prepared
@@ -26,11 +26,6 @@ class ServedRun(RunConfig):
         """Return what distinguishes this run from others; of what plays it, nothing is known."""
         unknown = {"method": CLIENT, "planner": "", "perception": "", "set": []}
         return {**super().about(), **unknown, "model": None, "calibration": None, "prior": None}
-
-    @property
-    def fingerprint(self) -> str:
-        """Return the digest of :meth:`about`."""
-        return fingerprint(self.about())
 
 
 class Referee:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import importlib
 import time
 from collections.abc import Sequence
 
@@ -58,7 +57,6 @@ class CrtkServer:
         allowed: Sequence[str] = (),
         bus: Bus | None = None,
     ):
-        importlib.import_module("scipy.interpolate")  # .3 s, which the tick of the first motion does not have
         self._now_s, self._speed = time.time(), speed
         session, planted = (
             laboratory.session,

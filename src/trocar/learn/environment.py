@@ -34,7 +34,7 @@ from trocar.learn.control import (
     observation_bounds,
 )
 from trocar.learn.observed import Observation
-from trocar.registry import Lazy, load_plugin
+from trocar.registry import load_plugin
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.offscreen import OffscreenCamera, handled
@@ -312,11 +312,12 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             return None
         replay = self._scenery.shown(self.config.task.name, np.array([now_s]), arrays)
         if self._draw is None:
-            report = type(self.config.task).report
-            report = report.load() if isinstance(report, Lazy) else report
+            from trocar.report.files import task_report  # Matplotlib only when needed
+
+            report = task_report(self.config.task)
             tips = [tool.p_world_driven_m for name, tool in replay.tools.items() if name in self.config.arms]
-            shown = getattr(report, "view", None), getattr(report, "colours", None)
-            self._draw = OffscreenCamera(replay, *shown, frame_m=np.concatenate([handled(replay), *tips]))
+            frame_m = np.concatenate([handled(replay), *tips])
+            self._draw = OffscreenCamera(replay, report.view, report.colours, frame_m=frame_m)
         return self._draw.picture(now_s, replay)
 
     def _show(self, now_s: float, arrays: Mapping[str, NDArray[np.float64]]) -> None:

@@ -121,16 +121,12 @@ def _through(times_s: NDArray[np.float64], q: NDArray[np.float64]) -> Trajectory
     return Trajectory(times_s, CubicSpline(times_s, q, bc_type="clamped").c)
 
 
-def methods() -> dict[str, Method]:
-    """Return the methods that replay a data set, on encoders as they are and above the compensation."""
+def register(task: str) -> None:
+    """Offer a task the methods that replay a data set, on encoders as they are and above the compensation."""
     about = "commands that a data set recorded, replayed"
     made = partial(Method, agent=Lazy("trocar.learn.replayed:Replay"), settings=Source)
-    return {METHOD: made(about), COMPENSATED: made(f"{about}, cables compensated", calibrated=True)}
-
-
-def register(task: str) -> None:
-    """Offer these methods to a task."""
-    for name, method in methods().items():
+    methods = {METHOD: made(about), COMPENSATED: made(f"{about}, cables compensated", calibrated=True)}
+    for name, method in methods.items():
         if f"{task}/{name}" not in METHODS:
             METHODS.register(f"{task}/{name}", method)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from trocar.counting import counted
-from trocar.eval import TASKS, TaskReport, in_words, pick_method
+from trocar.eval import TASKS, TaskReport, pick_method
 from trocar.eval.method import CLIENT
 from trocar.eval.trial import Trial
 from trocar.files.output import write_text
@@ -141,11 +141,7 @@ def _failures(noun: str, counts: str, failed: Sequence[Failed], drawn: Sequence[
     if not failed:
         return [paragraph(f"No failure: every {noun} that was attempted succeeded.")]
     stems = {shown.path.stem for shown in drawn}
-    left = [
-        f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
-        for one in failed
-        if one.stem not in stems
-    ]
+    left = [str(one) for one in failed if one.stem not in stems]
     if not drawn:
         return [counts]
     more = f"{counted(len(left), 'more failure')} without a picture here: {', '.join(left)}."

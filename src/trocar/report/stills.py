@@ -87,6 +87,9 @@ class Failed:
     what: str
     reason: str
 
+    def __str__(self) -> str:
+        return f"session {self.session}, trial {self.trial}, {self.what}: {in_words(self.failure)}"
+
     @property
     def stem(self) -> str:
         """Return the name of its picture's file."""
@@ -132,7 +135,6 @@ def draw_failed(
                 style.write_png(path, photographer.picture(time_s))
             elif not path.is_file():
                 continue
-            where = f"session {one.session}, trial {one.trial}, {one.what}: {in_words(one.failure)}"
             why = f". {one.reason[:1].upper()}{one.reason[1:]}" if one.reason else ""
-            found.append(Captioned(path, f"The cell at {time_s:.1f} s: {where}", f"{where}, at {time_s:.1f} s{why}"))
+            found.append(Captioned(path, f"The cell at {time_s:.1f} s: {one}", f"{one}, at {time_s:.1f} s{why}"))
     return found

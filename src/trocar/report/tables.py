@@ -145,7 +145,7 @@ def goals_table(trials: Sequence[Trial], report: TaskReport) -> Table:
             (
                 str(number),
                 *([what] if any(which) else []),
-                result if alone else _how_many(of_goal),
+                result if alone else reached(of_goal),
                 figure(_mean([score["end_s"] - score["start_s"] for score in of_goal])),
                 *(_shown([report.measured(score).get(name) for score in of_goal]) for name in measured),
                 reason_of(first, report) if alone else named_failures(of_goal),
@@ -166,11 +166,9 @@ def trials_table(trials: Sequence[Trial]) -> Table:
     rows = []
     for trial in trials:
         attempted = [score for score in trial.scores if score["attempted"]]
-        stopped = "" if trial.finished else f"stopped: {in_words(trial.ended)}"
         place = f"{trial.about['session']}, {trial.about['index']}"
-        said = "; ".join(filter(None, (named_failures(attempted), stopped)))
         hits = "-" if trial.on_robot else str(len(trial.collisions))
-        rows.append((place, _how_many(attempted), f"{trial.duration_s:.1f}", hits, said))
+        rows.append((place, reached(attempted), f"{trial.duration_s:.1f}", hits, came_of(trial)))
     return table_of(
         ("session, trial", f"{trials[0].goal_noun}s done", "time s", "collisions", "failures"),
         rows,
@@ -207,8 +205,15 @@ def named_failures(scores: Sequence[Mapping[str, Any]]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.most_common())
 
 
-def _how_many(scores: Sequence[Mapping[str, Any]]) -> str:
+def reached(scores: Sequence[Mapping[str, Any]]) -> str:
+    """Return how many of some goals were reached."""
     return f"{sum(bool(score['succeeded']) for score in scores)} of {len(scores)}"
+
+
+def came_of(trial: Trial) -> str:
+    """Return what failed in a trial, in words; empty if nothing did."""
+    stopped = "" if trial.finished else f"stopped: {in_words(trial.ended)}"
+    return "; ".join(filter(None, (named_failures([s for s in trial.scores if s["attempted"]]), stopped)))
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
 from trocar.geometry import SE3
+from trocar.view import trial_view
 from trocar.view.instrument import Instrument
 from trocar.view.live import GOOD, LAST, LiveView, Moment, Picture, Scene, box, table
 from trocar.view.pulse import Pulse
@@ -26,16 +27,7 @@ HANDLE_M = 0.018
 """Length of the axes of a handle."""
 CONTROLS = 0.5
 """Place of the controls in the panel, above clock and arms."""
-SPEEDS: Mapping[str, float] = {
-    "x 0.1": 0.1,
-    "x 0.25": 0.25,
-    "x 0.5": 0.5,
-    "x 1": 1.0,
-    "x 2": 2.0,
-    "x 4": 4.0,
-    "x 8": 8.0,
-    "as fast as it can": 0.0,
-}
+SPEEDS = {**trial_view.SPEEDS, "as fast as it can": 0.0}
 """Seconds of the cell's clock a second; 0: no limit."""
 
 

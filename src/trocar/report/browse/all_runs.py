@@ -11,10 +11,9 @@ from urllib.parse import urlencode
 
 from trocar.counting import counted
 from trocar.report.browse import addresses
-from trocar.report.browse.cells import flagged, how_many, remarks, success, whole
+from trocar.report.browse.cells import figure_of, flagged, how_many, remarks, success, whole
 from trocar.report.browse.shelf import Run
 from trocar.report.page import Column, document, link, listing
-from trocar.report.tables import figure
 
 MOST = 2
 """Remarks beside a run."""
@@ -35,10 +34,7 @@ def _text(key: str) -> Property:
 
 
 def _figure(name: str, key: str) -> Property:
-    def shown(run: Run) -> str:
-        return figure(run.figures[key]) if run.figures else ""
-
-    return Property(name, shown, lambda run: run.figures.get(key), number=True)
+    return Property(name, lambda run: figure_of(run, key), lambda run: run.figures.get(key), number=True)
 
 
 PROPERTIES = {

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 from html import escape
 
-from trocar.eval import in_words
 from trocar.eval.trial import Trial
 from trocar.report.browse.shelf import Run
 from trocar.report.page import range_of
-from trocar.report.tables import named_failures, percent
+from trocar.report.tables import figure, percent
 
 
 def how_many(run: Run) -> str:
@@ -32,6 +31,11 @@ def success(run: Run) -> str:
     return f"<span class=whole>{bar}{escape(percent(rate))} {interval} {counts}</span>"
 
 
+def figure_of(run: Run, key: str) -> str:
+    """Return one of a run's figures; empty without trials."""
+    return figure(run.figures[key]) if run.figures else ""
+
+
 def remarks(run: Run) -> list[str]:
     """Return what is wrong with a run; its folder, which stands beside them, is left out of names of files."""
     return [said.replace(f"{run.folder}{os.sep}", "") for said in run.remarks]
@@ -40,18 +44,6 @@ def remarks(run: Run) -> list[str]:
 def missed(trial: Trial) -> bool:
     """Return whether something of a trial failed: a goal, or its script."""
     return not trial.finished or not all(score["succeeded"] for score in trial.scores)
-
-
-def came_of(trial: Trial) -> str:
-    """Return what failed in a trial, in words; empty if nothing did."""
-    attempted = [score for score in trial.scores if score["attempted"]]
-    stopped = "" if trial.finished else f"stopped: {in_words(trial.ended)}"
-    return "; ".join(filter(None, (named_failures(attempted), stopped)))
-
-
-def done(trial: Trial) -> str:
-    """Return how many goals of a trial were reached."""
-    return f"{sum(bool(score['succeeded']) for score in trial.scores)} of {len(trial.scores)}"
 
 
 def flagged(text: str) -> str:

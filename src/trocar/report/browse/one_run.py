@@ -9,13 +9,13 @@ from html import escape
 from trocar.counting import counted
 from trocar.eval import in_words
 from trocar.report.browse import addresses
-from trocar.report.browse.cells import came_of, done, flagged, missed, remarks, success
+from trocar.report.browse.cells import flagged, missed, remarks, success
 from trocar.report.browse.shelf import Run
 from trocar.report.files import report_of
 from trocar.report.page import Column, document, link, listing, paragraph, section, table
-from trocar.report.run_page import headline_cards
+from trocar.report.run_page import headline_cards, place_of
 from trocar.report.stills import failed_goals, picked
-from trocar.report.tables import failures_table
+from trocar.report.tables import came_of, failures_table, reached
 
 MOST = 100
 """Failures in the list; of more, some of each kind are shown."""
@@ -71,12 +71,12 @@ def _stopped(run: Run) -> Iterator[list[str]]:
     """Yield a row for each trial whose script did not come to its end."""
     for trial in run.trials:
         if not trial.finished:
-            place = trial.about["session"], trial.about["index"]
+            address = addresses.of_trial(run, trial.about["session"], trial.about["index"])
             yield [
-                link(f"{addresses.of_trial(run, *place)}?end=1", "the whole trial"),
+                link(f"{address}?end=1", "the whole trial"),
                 flagged(in_words(trial.ended)),
                 escape(trial.reason),
-                f"session {place[0]}, trial {place[1]}",
+                place_of(trial),
                 f"{trial.duration_s:.1f}",
             ]
 
@@ -90,7 +90,7 @@ def _missed(run: Run) -> Iterator[list[str]]:
             link(addresses.of_trial(run, one.session, one.trial, one.number), one.what),
             flagged(in_words(one.failure) or "not done"),
             escape(one.reason),
-            f"session {one.session}, trial {one.trial}",
+            place_of(trial),
             f"{report.failed_s(trial, trial.scores[one.number]):.1f}",
         ]
 
@@ -101,11 +101,10 @@ def _trials(run: Run) -> str:
     columns += (Column("collisions", number=True), Column("failures"))
     rows = []
     for trial in sorted(run.trials, key=lambda trial: not missed(trial)):
-        place = trial.about["session"], trial.about["index"]
-        said = f"session {place[0]}, trial {place[1]}"
         hits = "" if trial.on_robot else str(len(trial.collisions))
-        address = addresses.of_trial(run, *place)
-        rows.append([link(address, said), done(trial), f"{trial.duration_s:.1f}", hits, flagged(came_of(trial))])
+        address = addresses.of_trial(run, trial.about["session"], trial.about["index"])
+        cells = reached(trial.scores), f"{trial.duration_s:.1f}", hits, flagged(came_of(trial))
+        rows.append([link(address, place_of(trial)), *cells])
     return listing(columns, rows)
 
 

@@ -12,11 +12,12 @@ from trocar.eval.scenery import contact_of
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.report.browse import addresses
-from trocar.report.browse.cells import came_of, done, flagged
+from trocar.report.browse.cells import flagged
 from trocar.report.browse.shelf import Run
 from trocar.report.files import report_of
 from trocar.report.page import Column, document, link, listing, paragraph, section
-from trocar.report.tables import reason_of
+from trocar.report.run_page import place_of
+from trocar.report.tables import came_of, reached, reason_of
 
 MOST = 200
 """Collisions in the list."""
@@ -45,10 +46,10 @@ def one_trial_page(run: Run, trial: Trial, asked: Mapping[str, str]) -> str:
         "</div></div>",
         f"<p class=quiet>Joints, camera images and time line beside the scene: <code>{escape(view)}</code></p>",
     ]
-    said = f"{done(trial)} {trial.goal_noun}s in {trial.duration_s:.1f} s"
+    said = f"{reached(trial.scores)} {trial.goal_noun}s in {trial.duration_s:.1f} s"
     failed = came_of(trial)
     sub = [f"{said}; {failed}." if failed else f"{said}."]
-    return document(f"{run.name}: session {session}, trial {index}", sub, parts, broad=True)
+    return document(f"{run.name}: {place_of(trial)}", sub, parts, broad=True)
 
 
 def _links(run: Run, session: int, index: int) -> str:

@@ -12,10 +12,9 @@ from trocar.eval import in_words
 from trocar.eval.comparison import Difference
 from trocar.eval.trials import Comparison, compared
 from trocar.report.browse import addresses
-from trocar.report.browse.cells import how_many, success
+from trocar.report.browse.cells import figure_of, how_many, success
 from trocar.report.browse.shelf import Run
 from trocar.report.page import Column, document, link, listing, paragraph, section
-from trocar.report.tables import figure
 
 SETTINGS = ("variant", "method", "model", "calibration", "prior", "planner", "perception", "set", "options", "seed")
 """What two runs may have chosen differently; the rows in which they did are shown."""
@@ -61,10 +60,10 @@ def _figures(one: Run, two: Run, found: Comparison | None) -> str:
         ["version", escape(one.version), escape(two.version), ""],
         ["sessions × trials", how_many(one), how_many(two), ""],
         ["success", success(one), success(two), _difference(found and found.success_rate, 100.0, "points")],
-        ["s per goal", *(_figure(run, "mean_time_s") for run in (one, two)), _difference(found and found.time_s)],
+        ["s per goal", *(figure_of(run, "mean_time_s") for run in (one, two)), _difference(found and found.time_s)],
         [
             "collisions per trial",
-            *(_figure(run, "collisions_per_trial") for run in (one, two)),
+            *(figure_of(run, "collisions_per_trial") for run in (one, two)),
             _difference(found and found.collisions),
         ],
     ]
@@ -76,10 +75,6 @@ def _setting(run: Run, key: str) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {one}" for name, one in value.items() if one is not None)
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value or "")
-
-
-def _figure(run: Run, key: str) -> str:
-    return figure(run.figures[key]) if run.figures else ""
 
 
 def _difference(found: Difference | None, scale: float = 1.0, unit: str = "") -> str:

@@ -12,7 +12,6 @@ from trocar.tasks.suture.commands.options import (
     points_table,
     recorded,
     spacing_of,
-    table,
 )
 from trocar.tasks.suture.planning import PRESETS, dexterity, plan_even
 from trocar.tasks.suture.planning.primitive import least_gap_rad
@@ -109,11 +108,6 @@ def test_points_stand_beside_the_papers_with_what_they_are_above_them():
         ("random", "best", "80.6", "88.6", "-8.0"),
         ("random", "clockwise", "58.0", "57.0", "+1.0"),
     ]
-
-
-def test_numbers_stand_on_the_right_of_their_columns():
-    found = table("title", ("word", "number"), [("a", "1.0")])
-    assert [column.justify for column in found.columns] == ["left", "right"]
 
 
 def test_files_are_named_if_any_were_written():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +12,7 @@ import typer
 from rich.table import Table
 
 from trocar.arms import ARMS
+from trocar.cli.terminal import rich_table
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import TURN
 from trocar.tasks.suture.demonstrations import Demonstrations, load_demonstrations, synthetic_demonstrations
@@ -141,16 +142,6 @@ def planner_of(count: int, spacing: Spacing | None) -> Planner:
     return partial(plan_even, count=count) if spacing is None else partial(plan_gaps, count=count, spacing=spacing)
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], text: int = 1) -> Table:
-    """Return a table whose first ``text`` columns are text, and the others numbers."""
-    found = Table(title=title)
-    for number, column in enumerate(columns):
-        found.add_column(column, justify="left" if number < text else "right", no_wrap=True)
-    for row in rows:
-        found.add_row(*row)
-    return found
-
-
 def points_table(points: Mapping[str, Mapping[str, float]], paper: Mapping[str, Mapping[str, float]]) -> Table:
     """Return Table I beside the paper's, entries by location and allowed directions; 100 is the best plan of each."""
     rows = [
@@ -159,7 +150,7 @@ def points_table(points: Mapping[str, Mapping[str, float]], paper: Mapping[str, 
         for allowed, ours in row.items()
     ]
     columns = ("location", "directions", "ours", "paper", "difference")
-    return table("Table I: points, the best plan 100", columns, rows, text=2)
+    return rich_table("Table I: points, the best plan 100", columns, rows, text=2)
 
 
 def fitted_line(fitted: Sequence[str]) -> list[str]:

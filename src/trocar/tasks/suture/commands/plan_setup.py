@@ -12,6 +12,7 @@ from trocar.cli.group import Result
 from trocar.cli.options import Seed
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.progress import progress
+from trocar.cli.terminal import rich_table
 from trocar.counting import counted
 from trocar.errors import InvalidValue, UnknownName
 from trocar.files.output import PICTURE, write_json, write_text
@@ -152,7 +153,7 @@ def _lines(summary: dict[str, Any]) -> list[Any]:
         for number in summary["free"]
     ]
     return [
-        options.table("The best setup found", ("parameter", "preset", "found", "from", "to"), rows),
+        rich_table("The best setup found", ("parameter", "preset", "found", "from", "to"), rows, text=1),
         f"worst suture {summary['reward']:.4f}, with the preset {was}, at the same scale",
         f"{summary['certified']}; {counted(summary['evaluations'], 'setup')} evaluated",
         f"manipulability: {summary['manipulability_source']}",

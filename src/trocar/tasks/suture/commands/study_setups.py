@@ -11,6 +11,7 @@ from trocar.arms import ARMS
 from trocar.cli.group import Result
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.progress import progress
+from trocar.cli.terminal import rich_table
 from trocar.errors import UnknownName
 from trocar.files.output import PICTURE, write_json
 from trocar.tasks.suture.commands import options
@@ -117,7 +118,7 @@ def _lines(summary: dict[str, Any]) -> list[Any]:
     columns = ("arm", "needle", "places of the base", "largest circle, mm")
     commands = [found["command"] for found in summary["maps"] if found["command"]]
     return [
-        options.table("Circles that can be sewn all round", columns, rows, text=2),
+        rich_table("Circles that can be sewn all round", columns, rows, text=2),
         *(f"to plan there: {command}" for command in commands),
         *options.files_line(summary),
     ]

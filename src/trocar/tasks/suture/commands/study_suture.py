@@ -10,6 +10,7 @@ from rich.table import Table
 
 from trocar.cli.group import Result
 from trocar.cli.out_folder import check_out_folder
+from trocar.cli.terminal import rich_table
 from trocar.files.output import PICTURE, write_json
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.planning import dexterity
@@ -64,7 +65,7 @@ def _tables(summary: dict[str, Any]) -> list[Any]:
         f"largest roll / wrist pitch / wrist yaw: {angles} deg, limits {limits} deg",
         f"positions where the chosen direction is beyond a limit: {summary['infeasible_positions']} "
         f"of {summary['positions']}",
-        options.table(title, columns, [row]),
+        rich_table(title, columns, [row], text=1),
         _swept(summary),
         f"manipulability: {summary['manipulability_source']}",
     ]
@@ -72,15 +73,12 @@ def _tables(summary: dict[str, Any]) -> list[Any]:
 
 def _gains_table(gains: Mapping[str, Mapping[str, float]], paper: Mapping[str, Mapping[str, float]]) -> Table:
     """Return the best plan's gains over baselines, ours and of the paper's Table I, whose text calls points percent."""
-    table = Table(title="Gain of the best plan")
-    table.add_column("over")
-    for column in ("points", "paper", "ratio", "paper"):
-        table.add_column(column, justify="right", no_wrap=True)
+    rows = []
     for name, ours in gains.items():
         both = (ours, paper[name])
         ratios = ("-" if gain["ratio_percent"] is None else f"{gain['ratio_percent']:.1f} %" for gain in both)
-        table.add_row(name, *(f"{gain['points']:.1f}" for gain in both), *ratios)
-    return table
+        rows.append([name, *(f"{gain['points']:.1f}" for gain in both), *ratios])
+    return rich_table("Gain of the best plan", ("over", "points", "paper", "ratio", "paper"), rows, text=1)
 
 
 def _swept(summary: dict[str, Any]) -> str:
