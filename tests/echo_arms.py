@@ -56,6 +56,22 @@ def with_delayed_jaws(name):
     return DelayedJaws()
 
 
+class Stuck(EchoArm):
+    """An arm whose driver does not return any more, some ticks after it was connected."""
+
+    READS = 30
+
+    def read(self):
+        self.READS -= 1
+        if self.READS < 0:
+            time.sleep(600.0)
+        return super().read()
+
+
+def stuck(name):
+    return Stuck()
+
+
 def connect(name, log=None):
     return EchoArm(log if name == "psm1" else None)
 

@@ -17,9 +17,10 @@ import echo_arms
 from driven import HOME, PAPER
 from trocar.arms import MotionLimits
 from trocar.cell import MotionEnd
-from trocar.errors import StartMismatch, TrocarError
+from trocar.errors import StartMismatch, TrocarError, UnknownName
 from trocar.hardware import HardwareLaboratory
 from trocar.hardware.arm import ArmFault, Fault, LoopSettings
+from trocar.hardware.robot import HardwareRobot
 from trocar.lab import load_station
 from trocar.motion import move_to, rest_to_rest
 from trocar.testing import CheckFailed, check_hardware, check_robot
@@ -214,6 +215,52 @@ def test_the_end_of_the_loops_process_ends_the_script_with_a_sentence(laboratory
 
     with pytest.raises(TrocarError, match="its loop has ended"):
         laboratory.run(script, 30.0)
+
+
+def test_a_driver_that_does_not_return_ends_the_script_with_a_sentence(station):
+    async def script(cell):
+        await cell.robot.move({ARM: rest_to_rest(HOME, GOAL, SLOW)})
+
+    with HardwareLaboratory(station, echo_arms.stuck, RELAXED) as laboratory:
+        begin_s = time.monotonic()
+        with pytest.raises(ArmFault, match=r"its loop has ended \(it has told nothing for 2.* s: a call of its driver"):
+            laboratory.run(script, 60.0)
+        assert time.monotonic() - begin_s < 20.0
+        assert any(event["name"] == "fault" and event["fault"] == "gone" for event in laboratory.log.events)
+
+
+def test_a_script_that_stands_still_for_long_accuses_nobody(laboratory):
+    async def script(cell):
+        time.sleep(2.5)
+        assert (await cell.robot.move({ARM: there()}))[ARM].done
+
+    assert laboratory.run(script, 60.0)
+
+
+def test_what_goes_wrong_while_connecting_leaves_no_loop_behind(station, monkeypatch):
+    def interrupted(robot, report):
+        robots.append(robot)
+        raise KeyboardInterrupt
+
+    robots = []
+    monkeypatch.setattr(HardwareRobot, "_take", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        HardwareLaboratory(station, echo_arms.connect, RELAXED)
+    assert not robots[0]._process.is_alive()
+
+
+def test_a_camera_that_the_station_lacks_is_named_before_anything_is_connected(station):
+    with pytest.raises(UnknownName, match="camera 'ceiling'"):
+        HardwareLaboratory(station, echo_arms.refusing, RELAXED, cameras={"ceiling": None})
+
+
+def test_a_script_begins_with_what_is_read_then_not_when_arms_were_connected(laboratory):
+    async def script(cell):
+        assert cell.robot.read(ARM).time_s > begun_s
+
+    time.sleep(0.5)
+    begun_s = laboratory.cell.clock.now_s()
+    assert laboratory.run(script, 60.0)
 
 
 def test_the_emergency_stop_ends_the_motion_and_lasts_until_it_is_cleared(laboratory, tmp_path):

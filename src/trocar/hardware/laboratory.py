@@ -11,6 +11,7 @@ from typing import Any, Self
 import trio
 
 from trocar.cell import Camera, Cell, Result
+from trocar.errors import UnknownName
 from trocar.geometry import SE3
 from trocar.hardware.arm import Connect, DrivenArm, LoopSettings
 from trocar.hardware.record import HardwareRecord
@@ -84,9 +85,12 @@ class HardwareLaboratory:
             listener: called with each event of the log.
 
         Raises:
-            TrocarError: an arm could not be connected.
+            TrocarError: an arm could not be connected, or the station lacks a camera.
         """
         self.station = station
+        for name in cameras or {}:  # before anything is connected
+            if name not in station.cameras:
+                raise UnknownName("camera", name, station.cameras)
         driven = {name: DrivenArm(arm.model, arm.limits) for name, arm in station.arms.items()}
         clock = WallClock(time.monotonic())
         self.log = CellLog(clock.now_s, listener=listener)
@@ -141,6 +145,7 @@ class HardwareLaboratory:
             nursery.start_soon(self.robot.attend, self._guard.check)
             try:
                 with trio.move_on_after(budget_s):
+                    await self.robot.fresh()  # the last report may be of when the arms were connected
                     await script(self.cell)
                     ended = True
             finally:

@@ -78,7 +78,7 @@ class HardwareLoop:
         self._heard_s = time.monotonic()
         self._braked: dict[str, bool] = dict.fromkeys(arms, False)
         self._closing = False
-        self._report = Report(0, 0.0, 0.0, 0.0)
+        self._report = Report(0, 0.0, 0.0)
         lag = 1 + int(np.ceil(settings.lag_s / settings.tick_s))
         for name in self._arms:
             self._devices[name] = connect(name)
@@ -99,7 +99,7 @@ class HardwareLoop:
 
     def tick(self, late_s: float = 0.0) -> Report:
         """Send the next set-points, read, check; return what happened."""
-        self._report = Report(self._ticks + 1, (self._ticks + 1) * self.settings.tick_s, time.monotonic(), late_s)
+        self._report = Report(self._ticks + 1, (self._ticks + 1) * self.settings.tick_s, time.monotonic())
         self._hear()
         at_rest = all(self.driver.idle(name) for name in self._arms)
         self._watch(late_s)

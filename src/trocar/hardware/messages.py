@@ -107,7 +107,6 @@ class Report:
         tick: its number.
         clock_s: the motions' own time.
         time_s: the machine's monotonic clock.
-        late_s: how late the tick was.
         arms: by name.
         over: keys, arms and endings of motions and jaws that are over.
         refused: keys of motions that were not started, and why.
@@ -117,7 +116,6 @@ class Report:
     tick: int
     clock_s: float
     time_s: float
-    late_s: float
     arms: dict[str, ArmReport] = field(default_factory=dict)
     over: list[tuple[int, str, Ending]] = field(default_factory=list)
     refused: list[tuple[int, TrocarError]] = field(default_factory=list)

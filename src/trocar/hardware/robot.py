@@ -9,15 +9,14 @@ import multiprocessing
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
-import numpy as np
 import trio
-from numpy.typing import NDArray
 
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, TrocarError, UnknownName
 from trocar.hardware.arm import PASSING, ArmFault, Connect, DrivenArm, Fault, LoopSettings
+from trocar.hardware.jobs import Job
 from trocar.hardware.loop import serve
 from trocar.hardware.messages import Alive, ArmReport, Clear, Close, EmergencyStop, Jaw, Reason, Report, Start, Stop
 from trocar.robots.driver import JAW_REST_S
@@ -32,21 +31,8 @@ MOVED_RAD = 5e-3
 """Jaws that read further off than this have moved."""
 ALIVE_S = 0.1
 """Signs of life are given this often."""
-
-
-@dataclass
-class _Job:
-    """Motions, or jaws, that were asked for in one call; motions that take over do so at a tick."""
-
-    arms: set[str]
-    first: int
-    motions: Mapping[str, Trajectory] = field(default_factory=dict)
-    at_tick: int | None = None
-    endings: dict[str, Ending] = field(default_factory=dict)
-    rows: dict[str, list[tuple[float, ArmReport]]] = field(default_factory=dict)
-    refusal: TrocarError | None = None
-    over: trio.Event = field(default_factory=trio.Event)
-    before: dict[str, tuple[Trajectory, float] | None] = field(default_factory=dict)  # what it takes over from
+SILENT_S = 2.0
+"""A loop that has told nothing for this long does not drive its arms any more."""
 
 
 class HardwareRobot:
@@ -60,11 +46,12 @@ class HardwareRobot:
         arms: by name.
         connect: called with each name in the loop's process; a function of a module.
         settings: what the loop tolerates.
-        origin_s: time of the machine's monotonic clock from which the cell's time counts.
         note: called as ``note("fault", arm=..., ...)`` with what went wrong.
         record: called with each report of the loop, after it was taken in.
 
     Attributes:
+        settings: what the loop tolerates.
+        origin_s: time of the machine's monotonic clock from which the cell's time counts.
         refused: the last fault after which an arm refuses to move; None: there is none.
 
     Raises:
@@ -77,13 +64,12 @@ class HardwareRobot:
         connect: Connect,
         settings: LoopSettings | None = None,
         *,
-        origin_s: float = 0.0,
         note: Callable[..., None] = lambda name, **values: None,
         record: Callable[[Report], None] = lambda report: None,
     ):
-        self.settings, self.origin_s = settings or LoopSettings(), origin_s
+        self.settings, self.origin_s = settings or LoopSettings(), 0.0
         self._note, self._record, self._keys = note, record, itertools.count()
-        self._jobs: dict[int, _Job] = {}
+        self._jobs: dict[int, Job] = {}
         self._reasons: dict[int, TrocarError | str] = {}
         self._rows: deque[Report] = deque()
         self._row = 0  # number of the first of them
@@ -100,9 +86,18 @@ class HardwareRobot:
         self._process.start()
         said.close()
         told.close()
-        first = next(iter(arms))
-        if not self._told.poll(CONNECT_S):
+        try:
+            self._connect(next(iter(arms)))
+        except BaseException:  # Ctrl-C too: a loop that nobody knows would stream for ever
             self._process.kill()
+            self._process.join()
+            self._say.close()
+            self._told.close()
+            raise
+
+    def _connect(self, first: str) -> None:
+        """Wait until the loop's process has connected all arms, and has told so in its first report."""
+        if not self._told.poll(CONNECT_S):
             raise ArmFault(first, Fault.DEVICE, f"its loop did not connect within {CONNECT_S:g} s")
         try:
             problem = self._told.recv()
@@ -111,18 +106,12 @@ class HardwareRobot:
         except EOFError:
             problem = "its process ended while connecting"
         if problem is not None:
-            self._process.join()
             raise problem if isinstance(problem, TrocarError) else ArmFault(first, Fault.DEVICE, problem)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Return the names of the arms."""
         return tuple(self._report.arms)
-
-    @property
-    def late_s(self) -> float:
-        """Return how late the last tick was."""
-        return self._report.late_s
 
     def report(self, name: str) -> ArmReport:
         """Return what the loop last said of an arm."""
@@ -199,9 +188,9 @@ class HardwareRobot:
             raise
         if job.refusal is not None:
             raise job.refusal
-        return {name: self._result(job, name) for name in motions}
+        return {name: job.result(name, self.origin_s) for name in motions}
 
-    async def _stopped(self, job: _Job, began: Mapping[str, tuple[Trajectory, float]]) -> None:
+    async def _stopped(self, job: Job, began: Mapping[str, tuple[Trajectory, float]]) -> None:
         """Return when motions that are not wanted any more have ended; what has not been taken over brakes.
 
         What was to take over may still be refused, and then they go on until they are told to brake.
@@ -215,7 +204,7 @@ class HardwareRobot:
             with trio.move_on_after(self.settings.tick_s):
                 await job.over.wait()
 
-    def _restore(self, job: _Job) -> None:
+    def _restore(self, job: Job) -> None:
         """Note that motions were refused: what they were to take over from goes on."""
         for name, before in job.before.items():
             for other in self._jobs.values():
@@ -240,7 +229,7 @@ class HardwareRobot:
             raise
         if job.endings[arm].ended is MotionEnd.DONE:
             await self._jaws_still(arm, before_rad if way_rad > MOVED_RAD else math.inf)
-        return self._result(job, arm)
+        return job.result(arm, self.origin_s)
 
     async def _jaws_still(self, arm: str, before_rad: float) -> None:
         """Return when the jaws read still, at most ``lag_s`` late, on the loop's clock.
@@ -262,8 +251,8 @@ class HardwareRobot:
 
     def _begin(
         self, arms: Iterable[str], motions: Mapping[str, Trajectory] | None = None, at_tick: int | None = None
-    ) -> tuple[int, _Job]:
-        key, job = next(self._keys), _Job(set(arms), self._row + len(self._rows), dict(motions or {}), at_tick)
+    ) -> tuple[int, Job]:
+        key, job = next(self._keys), Job(set(arms), self._row + len(self._rows), dict(motions or {}), at_tick)
         self._jobs[key] = job
         return key, job
 
@@ -335,9 +324,27 @@ class HardwareRobot:
                 after()
 
     async def _live(self) -> None:
+        """Give signs of life, and look for the loop's.
+
+        What counts is how often this finds nothing new, not the time: a script that stood still itself accuses nobody.
+        """
+        tick, silent_s = -1, 0.0
         while True:
             self._send(Alive())
             await trio.sleep(ALIVE_S)
+            silent_s = 0.0 if self._report.tick != tick or self._told.poll() else silent_s + ALIVE_S
+            tick = self._report.tick
+            if silent_s > SILENT_S:
+                self._process.kill()  # it hears nothing, and would go on sending when it wakes up
+                self._abandon(f"it has told nothing for {silent_s:.1f} s: a call of its driver does not return")
+                assert self._gone is not None
+                raise self._gone
+
+    async def fresh(self) -> None:
+        """Return when the loop has reported something later than this call; what it told of meanwhile is known then."""
+        now_s = time.monotonic()
+        while self._gone is None and self._report.time_s < now_s:
+            await trio.sleep(self.settings.tick_s)
 
     def _take(self, report: Report) -> None:
         """Take in one report."""
@@ -373,11 +380,7 @@ class HardwareRobot:
         job = self._jobs[key]
         if isinstance(ending.cause, Reason):
             ending = Ending(ending.ended, self._reason(name, ending.ended, ending.cause))
-        rows = itertools.islice(self._rows, max(0, job.first - self._row), None)
-        job.endings[name] = ending
-        job.arms.discard(name)
-        job.rows[name] = [(row.time_s, row.arms[name]) for row in rows]
-        if not job.arms:
+        if job.end(name, ending, itertools.islice(self._rows, max(0, job.first - self._row), None)):
             self._jobs.pop(key).over.set()
 
     def _reason(self, arm: str, ended: MotionEnd, error: TrocarError) -> TrocarError:
@@ -387,23 +390,13 @@ class HardwareRobot:
         given = self._reasons[error.key]
         return given if isinstance(given, TrocarError) else ArmStopped(arm, given or ended.value)
 
-    def _result(self, job: _Job, name: str) -> MotionResult:
-        rows, ending = job.rows.get(name, []), job.endings[name]
-        return MotionResult(
-            times_s=np.array([time_s - self.origin_s for time_s, _ in rows]),
-            commanded=_stacked([arm.sent for _, arm in rows]),
-            measured=_stacked([np.append(arm.reading.q, arm.reading.jaw_rad) for _, arm in rows]),
-            ended=ending.ended,
-            cause=ending.cause,
-        )
-
     def _note_fault(self, fault: ArmFault) -> None:
         self._note("fault", arm=fault.arm, fault=fault.fault.name.lower(), reason=str(fault))
 
-    def _abandon(self) -> None:
+    def _abandon(self, detail: str = "") -> None:
         """Tell every script that waits, or will wait, that the loop is gone."""
         if self._gone is None:
-            self._gone = ArmFault(self.names[0], Fault.GONE)
+            self._gone = ArmFault(self.names[0], Fault.GONE, detail)
             self._note_fault(self._gone)
         self._end_jobs()
 
@@ -425,7 +418,3 @@ class HardwareRobot:
         self._gone = self._gone or ArmFault(self.names[0], Fault.GONE)
         self._say.close()
         self._told.close()
-
-
-def _stacked(rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    return np.array(rows, dtype=np.float64).reshape(-1, 7)
