@@ -13,7 +13,7 @@ class MemoryBus:
         self.wire = Wire() if wire is None else wire
         self.node, self.address = node, address
 
-    def publisher(self, topic, kind, *, latched=False, kept_s=None):
+    def publisher(self, topic, kind, *, latched=False, kept_s=None, kept=None):
         self.wire.endpoints.append(Endpoint(topic, "/".join(ros_name(kind)), True, self.client(self)))
         return _Out(self, topic, kind, latched)
 

@@ -31,7 +31,9 @@ SPAN, NEAR, LIMIT_S = 0.02, 1e-6, 20.0
 
 
 def drive(station_name, name, given):
-    topics = Topics(**given | {"dialect": Dialect(given["dialect"]), "command": Command(given["command"])})
+    loop = {"stale_s": PATIENT.stale_s}
+    kinds = {"dialect": Dialect(given["dialect"]), "command": Command(given["command"])}
+    topics = Topics(**given | kinds | {"loop": loop})
     station = load_station(station_name)
     arm = station.arms[name]
     arm = replace(arm, model=replace(arm.model, jaw=replace(arm.model.jaw, max_speed=JAW_RAD_S)))

@@ -1,6 +1,7 @@
 """A camera on the network that answers well, late or not at all."""
 
 import os
+import threading
 import time
 
 import numpy as np
@@ -8,6 +9,10 @@ import pytest
 import trio
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.pub import DataWriter
+from cyclonedds.util import duration
 
 from trocar.crtk import camera as camera_module
 from trocar.crtk.bus import open_bus, stamped
@@ -89,11 +94,46 @@ def test_a_window_is_cut_out():
     assert np.array_equal(image.color, COLOR[1:5, 2:5]) and np.array_equal(image.depth_m, DEPTH_M[1:5, 2:5])
 
 
+@pytest.mark.parametrize("sure", [Policy.Reliability.Reliable(duration(seconds=1)), Policy.Reliability.BestEffort])
+def test_a_camera_that_keeps_nothing_for_late_readers_or_sends_nothing_again_is_heard(sure):
+    """As many camera drivers publish over ROS 2: volatile, best-effort."""
+    name = f"plain_{type(sure).__name__.lower()}"
+    bus = open_bus(TOPICS)
+    quality = Qos(sure, Policy.Durability.Volatile, Policy.History.KeepLast(5))
+    info, color, depth = (
+        DataWriter(bus._participant, bus._topic(f"/{name}/{what}", kind), qos=quality)
+        for what, kind in (("color/camera_info", CameraInfo), ("color/image_raw", Image), ("depth/image_raw", Image))
+    )
+    ended, taken = threading.Event(), []
+
+    def publish():
+        while not ended.wait(0.03):
+            info.write(info_message(LENS, "color", stamped()))
+            now_s = time.time()
+            color.write(color_message(COLOR, stamped("", now_s)))
+            depth.write(depth_message(DEPTH_M, stamped("", now_s)))
+
+    running = threading.Thread(target=publish)
+    running.start()
+    try:
+        camera = CrtkCamera(name, LENS, TOPICS)
+
+        async def take():
+            taken.append(await camera.capture())
+
+        trio.run(take)
+    finally:
+        ended.set()
+        running.join()
+    assert np.array_equal(taken[0].color, COLOR)
+
+
 @pytest.mark.parametrize(
     ("fault", "answer"),
     [
         (ImageFault.SILENT, lambda partner, now_s: None),
         (ImageFault.OLD, lambda partner, now_s: partner.send(now_s - 1.0, now_s - 1.0)),
+        (ImageFault.AHEAD, lambda partner, now_s: partner.send(now_s + 1.0, now_s + 1.0)),
         (ImageFault.HALF, lambda partner, now_s: partner.send(now_s + 0.01)),
         (ImageFault.HALF, lambda partner, now_s: partner.send(now_s + 0.01, now_s + 0.02)),
     ],

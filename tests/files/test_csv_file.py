@@ -22,5 +22,5 @@ def test_a_cell_that_is_no_number_is_named_by_its_row_in_the_file_empty_ones_cou
     with pytest.raises(InvalidInput, match=f"row 5 .* holds '{wrong}' under 'q1'"):
         read_csv(path, "t_s,q1")
     path.write_text("t_s,q1\n\n0,1,2\n")
-    with pytest.raises(InvalidInput, match="row 3 .* has 3 cells, not 2"):
+    with pytest.raises(InvalidInput, match=r"row 3 .* has 3 cells, not 2"):
         read_csv(path, "t_s,q1")

@@ -294,6 +294,47 @@ def test_a_loop_that_is_told_to_close_comes_to_rest_first():
     assert bench.loop.closed and max(bench.use()) <= 1.001
 
 
+class InParts(EchoArm):
+    """As a Raven: it passes on a little of its set-point at a time."""
+
+    MOST = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3])
+    behind = False
+
+    def send(self, q, velocity, jaw_rad):
+        self.q = self.q + np.clip(q - self.q, -self.MOST, self.MOST)
+        self.behind = bool(np.abs(q - self.q).max() > 1e-9)
+        self.jaw = jaw_rad
+
+
+@pytest.mark.parametrize("stop", [None, Stop(("a",), MotionEnd.HELD, Reason(7)), EmergencyStop("now")])
+def test_motions_wait_for_an_arm_that_takes_set_points_in_parts_and_nothing_is_left_to_come_when_it_stops(stop):
+    bench = Bench(names=("a", "b"))
+    bench.arms["a"] = part = InParts()
+    bench.loop = HardwareLoop(dict.fromkeys("ab", DrivenArm(ARM, PAPER)), bench.connect, LoopSettings())
+    bench.say(Start(1, {"a": there(), "b": there()}))
+    began = bench.loop._ticks
+    for tick in range(2000):
+        before = part.q
+        if tick == 100 and stop is not None:
+            bench.say(stop)
+            bench.tick()
+            stopped = bench.sent["a"][-1]
+        else:
+            bench.tick()
+        assert (np.abs(part.q - before) <= InParts.MOST + 1e-12).all()
+        assert np.allclose(bench.sent["a"][-1], bench.sent["b"][-1]) or stop, "the other arm waits, too"
+        if bench.loop.driver.idle("a") and not part.behind:
+            break
+    assert bench.loop._ticks - began < tick, "motions took longer"
+    where = part.q.copy()
+    bench.tick(50)
+    assert np.array_equal(part.q, where) and np.allclose(where, bench.sent["a"][-1], atol=1e-9)
+    if stop is None:
+        assert np.allclose(where, GOAL, atol=1e-9)
+    else:
+        assert 1e-4 < np.abs(where - stopped).max() < 0.2 and np.abs(where - GOAL).max() > 0.01, "it brakes"
+
+
 def test_a_set_point_beyond_the_limits_is_never_sent():
     """Not even if the package is mistaken: a motion too fast for the limits that no guard has seen."""
     bench = Bench()

@@ -72,10 +72,16 @@ class AccessBus:
         self.refused: Counter[str] = Counter()
 
     def publisher(
-        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+        self,
+        topic: str,
+        kind: type[Message],
+        *,
+        latched: bool = False,
+        kept_s: float | None = None,
+        kept: int | None = None,
     ) -> Publisher[Message]:
         """Return a publisher of a topic."""
-        return self._bus.publisher(topic, kind, latched=latched, kept_s=kept_s)
+        return self._bus.publisher(topic, kind, latched=latched, kept_s=kept_s, kept=kept)
 
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD

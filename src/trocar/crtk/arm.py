@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Hashable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,22 @@ from trocar.crtk.dialect import (
     joint_names,
     joints_in,
     pose_kind,
+    require_joints,
     state_kind,
 )
-from trocar.crtk.messages import EFFORTS, Empty, Header, JointState, StringStamped, TwistStamped
+from trocar.crtk.messages import (
+    EFFORTS,
+    Empty,
+    Header,
+    JointState,
+    OldOperatingState,
+    OperatingState,
+    StringStamped,
+    TransformStamped,
+    TwistStamped,
+)
 from trocar.errors import InvalidInput
-from trocar.hardware.arm import ArmFault, Fault, HardwareReading
+from trocar.hardware.arm import ArmFault, Fault, HardwareReading, LoopSettings
 from trocar.lab.topics import Command, Dialect, Topics
 
 CONNECT_S = 5.0
@@ -40,15 +52,17 @@ REMEMBERED = 500
 """Stamps of what was sent, by which it is told from what others send."""
 RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3])
 """rad and m: what a Raven's joint has beyond this in an increment is cut off (uw-biorobotics/raven2, branch crtk)."""
+ROUNDING = 1e-9
 STATES = {"PAUSED": Fault.PAUSED, "DISABLED": Fault.DISABLED, "FAULT": Fault.CONTROLLER}
 
 
 class CrtkArm:
     """One arm: reads ``measured_js`` and the jaws', and streams what the station's file says.
 
-    Once it has stopped because of what the controller or somebody else did, or nothing has been heard of it for half a
-    second, it sends nothing more: the arm may be moved by others then, and a stream that went on would take it back in
-    one step. It has to be connected anew.
+    Once it has stopped because of what the controller or somebody else did, or its readings are older than the loop
+    tolerates, it sends nothing more: the arm may be moved by others then, and what is sent into a network that is cut
+    comes at once when it is whole again, the way of a whole brake in one step. It has to be connected anew. After this
+    process itself has stood still, it looks before it sends.
 
     Args:
         name: of the arm.
@@ -56,7 +70,7 @@ class CrtkArm:
 
     Raises:
         InvalidInput: the arm publishes nothing, does not subscribe what it would be sent, is not enabled and homed, or
-            two publish its readings.
+            two publish its readings, or it names other joints than those of its dialect.
     """
 
     def __init__(self, name: str, topics: Topics):
@@ -75,16 +89,20 @@ class CrtkArm:
         self._jaw_measured = bus.subscriber(f"{jaw}/measured_js", JointState)
         self._jaw_setpoint = bus.subscriber(f"{jaw}/{held}", JointState)
         command = "servo_jr" if raven else self._command.value
-        self._out = bus.publisher(f"{topic}/{command}", JointState)
-        self._jaw_out = None if raven else bus.publisher(f"{jaw}/{command}", JointState)
+        kept = None if raven else 1  # of increments each counts, of positions only the newest
+        self._out = bus.publisher(f"{topic}/{command}", JointState, kept=kept)
+        self._jaw_out = None if raven else bus.publisher(f"{jaw}/{command}", JointState, kept=kept)
         self._others = _commands(bus, topic, jaw, topics)
         self._sent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         self._last, self._jaw_last = np.full(6, np.nan), np.nan  # where the arm has been sent
+        self.behind = False  # whether a Raven has not been sent all of its set-point yet
         self._fault: ArmFault | None = None
-        self._cut = False  # whether nothing has been heard of it for long
-        self._alone_s = self._new_s = time.monotonic()
+        self._cut, self._cut_s = False, float(topics.loop.get("stale_s", LoopSettings.stale_s))  # not heard of for long
+        self._alone_s = self._new_s = self._looked_s = time.monotonic()
         self._wait_for(topics, jaw, command)
         self._require_enabled()
+        assert self._setpoint.last is not None
+        self._names = require_joints(self._dialect, self._setpoint.last.name, f"CRTK arm {self._name!r}")
 
     def _wait_for(self, topics: Topics, jaw: str, command: str) -> None:
         topic, begun_s = self._topic, time.monotonic()
@@ -125,6 +143,16 @@ class CrtkArm:
         if state is None or state.state != "ENABLED" or not state.is_homed:
             said = "unknown" if state is None else f"{state.state}, {'homed' if state.is_homed else 'not homed'}"
             raise InvalidInput(f"CRTK arm {self._name!r}", f"is {said}", "enable and home it at its console")
+        if self._taken_over(state):
+            remedy = "let go of its clutch, or let its motion end"
+            raise InvalidInput(f"CRTK arm {self._name!r}", "is busy: a person or its controller moves it", remedy)
+
+    def _taken_over(self, state: OperatingState | OldOperatingState) -> bool:
+        """Return whether a dVRK's arm moves by itself, or by its clutch button: both are "enabled", and busy.
+
+        It would take the next set-point all the same, out of the person's hand. Set-points make none busy, goals do.
+        """
+        return self._dialect is Dialect.DVRK and self._command is Command.SERVO and state.is_busy
 
     def commanded(self) -> tuple[NDArray[np.float64], float]:
         """Return what the arm's controller holds now."""
@@ -141,7 +169,8 @@ class CrtkArm:
             ArmFault: nobody publishes it any more, the arm is not enabled any more, or somebody else commands it.
         """
         self._take()
-        age_s = time.monotonic() - min(self._measured.at_s, self._jaw_measured.at_s)
+        self._looked_s = time.monotonic()
+        age_s = self._looked_s - min(self._measured.at_s, self._jaw_measured.at_s)
         self._fault = self._fault or self._found(age_s)
         if self._fault is not None:
             raise self._fault
@@ -156,6 +185,21 @@ class CrtkArm:
             if foreign:
                 word = f", {foreign[0].string!r}" if isinstance(foreign[0], StringStamped) else ""
                 return ArmFault(self._name, Fault.OTHERS, f"{topic}{word}")
+        unfit = self._unfit()
+        if unfit is not None:
+            return unfit
+        now_s = time.monotonic()
+        if age_s <= SILENT_S or (self._measured.senders() and self._jaw_measured.senders()):
+            self._alone_s = now_s
+        if now_s - self._alone_s > ALONE_S:
+            return ArmFault(self._name, Fault.LOST, f"{self._topic}/measured_js, for {age_s:.2f} s")
+        self._cut |= age_s > self._cut_s
+        if self._cut and age_s <= SILENT_S:
+            return ArmFault(self._name, Fault.STALE, "and are again: somebody may have moved it meanwhile")
+        return self._unheard()
+
+    def _unfit(self) -> ArmFault | None:
+        """Return what its controller says is wrong."""
         state = self._state.last
         assert state is not None
         if state.state != "ENABLED":
@@ -163,18 +207,12 @@ class CrtkArm:
             return ArmFault(self._name, known, f"{self._topic}/operating_state is {state.state}")
         if not state.is_homed:
             return ArmFault(self._name, Fault.UNHOMED)
-        now_s = time.monotonic()
-        if age_s <= SILENT_S or (self._measured.senders() and self._jaw_measured.senders()):
-            self._alone_s = now_s
-        if now_s - self._alone_s > ALONE_S:
-            return ArmFault(self._name, Fault.LOST, f"{self._topic}/measured_js, for {age_s:.2f} s")
-        self._cut |= age_s > HEARD_S and now_s - self._new_s > HEARD_S  # it has braked long ago
-        if self._cut and age_s <= SILENT_S:
-            return ArmFault(self._name, Fault.STALE, "and are again: somebody may have moved it meanwhile")
-        return self._unheard()
+        if self._taken_over(state):
+            return ArmFault(self._name, Fault.OTHERS, f"{self._topic}/operating_state is busy: a person or itself")
+        return None
 
     def _unheard(self) -> ArmFault | None:
-        """Return that the arm's controller does not hold what it was sent: what is sent is lost on its way.
+        """Return that the arm's controller does not hold what it was sent lately: it is lost on its way.
 
         Near the end of a motion its readings alone may not show it: they may be off by as much while it moves.
         """
@@ -194,7 +232,11 @@ class CrtkArm:
     def send(self, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: float) -> None:
         """Stream a set-point; goals, increments and jaws only when they change."""
         del velocity
+        if time.monotonic() - self._looked_s > SILENT_S:
+            with suppress(ArmFault):  # others may have moved it meanwhile; kept for the next reading
+                self.read()
         if self._fault is not None or self._cut:
+            self.behind = False  # nobody waits for what is not sent any more
             return
         if (q != self._last).any() or jaw_rad != self._jaw_last:
             self._new_s = time.monotonic()
@@ -202,20 +244,21 @@ class CrtkArm:
             self._increment(q, jaw_rad)
             return
         if self._command is Command.SERVO or (q != self._last).any():
-            self._publish(self._out, joint_names(self._dialect), q)
+            ordered = [float(q[joint_names(self._dialect).index(name)]) for name in self._names]
+            self._publish(self._out, self._names, ordered)
             self._last = q
         if jaw_rad != self._jaw_last:
             self._publish(self._jaw_out, ("jaw",), [jaw_rad])
             self._jaw_last = jaw_rad
 
     def _increment(self, q: NDArray[np.float64], jaw_rad: float) -> None:
-        """Send a Raven as much of the way as it takes; the rest comes with the next increments."""
+        """Send a Raven as much of the way as it takes, nothing too: it leaves joint control after ten silent ms."""
         step = np.clip(q - self._last, -RAVEN_STEP, RAVEN_STEP)
         left = 2 * (RAVEN_STEP[5] - abs(step[5]))  # the wrist's yaw takes part in both jaws' joints, and comes first
         jaw_step = float(np.clip(jaw_rad - self._jaw_last, -left, left))
         self._last, self._jaw_last = self._last + step, self._jaw_last + jaw_step
-        if step.any() or jaw_step:
-            self._publish(self._out, joint_names(self._dialect), as_positions(self._dialect, step, jaw_step))
+        self._publish(self._out, joint_names(self._dialect), as_positions(self._dialect, step, jaw_step))
+        self.behind = bool((np.abs(q - self._last) > ROUNDING).any() or abs(jaw_rad - self._jaw_last) > ROUNDING)
 
     def _publish(self, publisher: Any, names: Sequence[str], positions: Sequence[float] | NDArray[np.float64]) -> None:
         message = JointState(stamped(), list(names), [float(value) for value in positions])
@@ -229,11 +272,13 @@ class CrtkArm:
 def _commands(bus: Bus, topic: str, jaw: str, topics: Topics) -> dict[str, Subscriber[Any]]:
     """Return subscribers of all topics on which an arm can be commanded, by their names."""
     poses = pose_kind(topics.dialect)
+    twists = TransformStamped if topics.dialect is Dialect.RAVEN else TwistStamped  # its servo_cv is a transform
     kinds: dict[str, type[Any]] = {f"{topic}/state_command": StringStamped, f"{topic}/hold": Empty}
     kinds |= {f"{topic}/{what}": JointState for what in ("servo_jp", "servo_jr", "servo_jv", "move_jp", "move_jr")}
     kinds |= {f"{topic}/{what}": poses for what in ("servo_cp", "servo_cr", "move_cp")}
-    kinds |= {f"{jaw}/{what}": JointState for what in ("servo_jp", "servo_jr", "move_jp")}
-    kinds |= {f"{topic}/{what}": kind for what, kind in EFFORTS.items()} | {f"{topic}/servo_cv": TwistStamped}
+    kinds |= {f"{topic}/move_cr": poses, f"{topic}/servo_cv": twists}
+    kinds |= {f"{jaw}/{what}": JointState for what in ("servo_jp", "servo_jr", "servo_jv", "move_jp")}
+    kinds |= {f"{topic}/{what}": kind for what, kind in EFFORTS.items()}
     return {name: bus.subscriber(name, kind) for name, kind in kinds.items()}
 
 

@@ -61,7 +61,13 @@ class Bus(Protocol):
     """A participant in the topics of a robot."""
 
     def publisher(
-        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+        self,
+        topic: str,
+        kind: type[Message],
+        *,
+        latched: bool = False,
+        kept_s: float | None = None,
+        kept: int | None = None,
     ) -> Publisher[Message]:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``.
 
@@ -70,6 +76,7 @@ class Bus(Protocol):
             kind: of its messages.
             latched: late readers get the last message.
             kept_s: but not if it is older than this (ROS 1: never).
+            kept: so many messages, the newest, wait for a reader that is slow or away; None: as many as is usual.
         """
         ...
 

@@ -21,6 +21,8 @@ CONNECT_S = 5.0
 ANSWER_S = 5.0
 """An image has to be here so long after it was asked for."""
 POLL_S = 0.002
+AHEAD_S = 0.05
+"""A stamp may be this far in the future: some drivers stamp the end of an exposure that has begun."""
 KEPT = 3
 """Images that wait to be taken; one of full size has nine megabytes."""
 
@@ -31,6 +33,7 @@ class ImageFault(Enum):
     SILENT = "sent no image"
     OLD = "sent images whose stamps are older than the request"
     HALF = "sent images of which no two belong together"
+    AHEAD = "sent an image with a stamp in the future, so that nobody knows when it was exposed"
 
 
 class NoImage(TrocarError):
@@ -114,6 +117,10 @@ class CrtkCamera:
             for came, part in zip(self._came, self._parts, strict=True):
                 came.extend(part.take())
             first, second = ({_time_s(message): message for message in came} for came in self._came)
+            ahead_s = max([*first, *second], default=0.0) - time.time()
+            if ahead_s > AHEAD_S:
+                where = f"{self._topic}, {ahead_s:.3f} s ahead, at most {AHEAD_S:g}"
+                raise NoImage(self._name, ImageFault.AHEAD, where, "let both machines' clocks agree (NTP or PTP)")
             answers = [stamp_s for stamp_s in first if stamp_s >= asked_s and stamp_s in second]
             if answers:
                 return first[min(answers)], second[min(answers)]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.crtk.messages import JointState, OldOperatingState, OperatingState, PoseStamped, TransformStamped
+from trocar.errors import InvalidInput
 from trocar.lab.topics import Dialect
 
 PSM_JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
@@ -29,6 +30,21 @@ def pose_kind(dialect: Dialect) -> type[PoseStamped] | type[TransformStamped]:
 def joint_names(dialect: Dialect) -> tuple[str, ...]:
     """Return the names of an arm's joints in their order."""
     return RAVEN_JOINTS if dialect is Dialect.RAVEN else PSM_JOINTS
+
+
+def require_joints(dialect: Dialect, names: Sequence[str], who: str) -> tuple[str, ...]:
+    """Return the names of an arm's joints in the order in which its controller has them, which ignores names.
+
+    Raises:
+        InvalidInput: they are others than the dialect's, so that nobody knows which is which.
+    """
+    expected, plain = joint_names(dialect), tuple(plain_name(dialect, name) for name in names)
+    if not plain or plain == tuple(f"outer_{name}" for name in expected):  # dVRK 1.x
+        return expected
+    if sorted(plain) == sorted(expected) and (dialect is not Dialect.RAVEN or plain == expected):
+        return plain
+    problem = f"names its joints {', '.join(names)}, not {', '.join(expected)}"
+    raise InvalidInput(who, problem, "name its dialect in the station's file; another robot needs a driver of its own")
 
 
 def plain_name(dialect: Dialect, name: str) -> str:

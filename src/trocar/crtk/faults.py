@@ -99,14 +99,21 @@ class FaultyBus:
         self._begins: list[tuple[float, _Faulty[Any]]] = []
 
     def publisher(
-        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+        self,
+        topic: str,
+        kind: type[Message],
+        *,
+        latched: bool = False,
+        kept_s: float | None = None,
+        kept: int | None = None,
     ) -> Publisher[Message]:
         """Return a publisher of a topic, with the faults of its arm."""
+        how: Any = {"latched": latched, "kept_s": kept_s, "kept": kept}
         topic = self._swapped(topic)
         arm, what = self.arm_of(topic)
         faults = [fault for fault in self._faults if fault.arm == arm]
         if arm is None or not faults or "header" not in {one.name for one in fields(kind)}:  # type: ignore[arg-type]
-            return self._bus.publisher(topic, kind, latched=latched, kept_s=kept_s)
+            return self._bus.publisher(topic, kind, **how)
         sent_as, planted = kind, []
         for fault in faults:
             known = KINDS[fault.kind]
@@ -115,7 +122,7 @@ class FaultyBus:
                 sent_as, change = known.kinds[kind]
             planted.append(_Planted(fault, change, None if latched else known.delay_s))
         copies = 2 if any(fault.kind == "twice" for fault in faults) else 1
-        publishers = [self._bus.publisher(topic, sent_as, latched=latched, kept_s=kept_s) for _ in range(copies)]
+        publishers = [self._bus.publisher(topic, sent_as, **how) for _ in range(copies)]
         faulty = _Faulty(publishers, planted, self._now_s)
         if latched:  # what is published once is published again when a fault begins
             self._begins += [(fault.at_s, faulty) for fault in faults if fault.at_s]

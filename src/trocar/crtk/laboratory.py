@@ -15,6 +15,9 @@ from trocar.hardware.kinds import RobotKind
 from trocar.lab import Station
 from trocar.lab.topics import Dialect, Topics
 
+RAVEN_TICK_S = 0.005
+"""A Raven that has heard nothing for 10 ms leaves joint control (uw-biorobotics/raven2, branch crtk, rt_raven.cpp)."""
+
 
 def laboratory(station: Station, listener: Callable[[Mapping[str, object]], None] | None = None) -> HardwareLaboratory:
     """Connect the cameras and arms of a station.
@@ -31,7 +34,7 @@ def laboratory(station: Station, listener: Callable[[Mapping[str, object]], None
 
 
 def loop_settings(topics: Topics) -> LoopSettings:
-    """Return what the loop tolerates, as the station's table ``crtk.loop`` says.
+    """Return what the loop tolerates, as the station's table ``crtk.loop`` says; a Raven's ticks are shorter.
 
     Raises:
         InvalidInput: it has no such setting, or the value is out of bounds.
@@ -40,7 +43,8 @@ def loop_settings(topics: Topics) -> LoopSettings:
     for name in topics.loop:
         if name not in kinds:
             raise UnknownName("the station's crtk.loop: setting", name, kinds)
-    return LoopSettings(**{name: kinds[name](value) for name, value in topics.loop.items()})
+    usual = {"tick_s": RAVEN_TICK_S} if topics.dialect is Dialect.RAVEN else {}
+    return LoopSettings(**usual | {name: kinds[name](value) for name, value in topics.loop.items()})
 
 
 def where(station: Station, arm: str) -> str:

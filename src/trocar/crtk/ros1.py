@@ -56,11 +56,18 @@ class Ros1Bus:
         _node(topics.interface, topics.master)
 
     def publisher(
-        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+        self,
+        topic: str,
+        kind: type[Message],
+        *,
+        latched: bool = False,
+        kept_s: float | None = None,
+        kept: int | None = None,
     ) -> Publisher[Message]:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; see ``Bus``."""
         latched = latched and kept_s is None
-        return _Publisher(rospy.Publisher(topic, _class(kind), queue_size=KEPT_UNREAD, latch=latched, tcp_nodelay=True))
+        waiting = kept or KEPT_UNREAD
+        return _Publisher(rospy.Publisher(topic, _class(kind), queue_size=waiting, latch=latched, tcp_nodelay=True))
 
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import time
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from functools import cache
 from typing import Any, TypeVar
 
@@ -18,6 +18,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Publisher, Subscriber
+from trocar.crtk.messages import CameraInfo, Image
 from trocar.crtk.ros2_graph import Graph
 from trocar.errors import InvalidInput
 from trocar.lab.topics import Topics
@@ -52,10 +53,16 @@ class Ros2Bus:
         self._participant, self._graph = _participant(topics.interface, topics.peers, domain)
 
     def publisher(
-        self, topic: str, kind: type[Message], *, latched: bool = False, kept_s: float | None = None
+        self,
+        topic: str,
+        kind: type[Message],
+        *,
+        latched: bool = False,
+        kept_s: float | None = None,
+        kept: int | None = None,
     ) -> Publisher[Message]:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; see ``Bus``."""
-        quality = _quality(latched, KEPT)
+        quality = _quality(latched, kept or KEPT)
         if kept_s is not None:
             quality += Qos(Policy.Lifespan(duration(seconds=kept_s)))
         return _Writer(DataWriter(self._participant, self._topic(topic, kind), qos=quality))
@@ -63,8 +70,16 @@ class Ros2Bus:
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
     ) -> Subscriber[Message]:
-        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
-        return _Reader(DataReader(self._participant, self._topic(topic, kind), qos=_quality(latched, kept)), kept)
+        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest.
+
+        What cameras publish is also taken where it is offered without being kept or sent again.
+        """
+        about, wanted = self._topic(topic, kind), [latched, True]
+
+        def reader() -> Any:
+            return DataReader(self._participant, about, qos=_quality(wanted[0], kept, reliable=wanted[1]))
+
+        return _CameraReader(reader, wanted, kept) if kind in (Image, CameraInfo) else _Reader(reader(), kept)
 
     def endpoints(self) -> list[Endpoint]:
         """Return all publishers and subscribers, of every program, that have been met so far."""
@@ -120,6 +135,29 @@ class _Reader(Subscriber[Message]):
         return [(now_s, sample.sample_info.publication_handle, sample) for sample in samples]
 
 
-def _quality(latched: bool, kept: int) -> Any:
+class _CameraReader(_Reader[Message]):
+    """Asks for less where nobody offers what it wants: camera drivers differ, and a lost image is asked for again.
+
+    A reader of an arm's state must not: what is told only when it changes would be missed.
+    """
+
+    DURABILITY = 2
+    """Number of this policy in the DDS standard; the other that can be refused here is reliability."""
+
+    def __init__(self, made: Callable[[], Any], wanted: list[bool], kept: int):
+        super().__init__(made(), kept)
+        self._made, self._wanted = made, wanted  # latched, reliable
+
+    def _come(self) -> list[tuple[float, Hashable, Message]]:
+        if not self.senders():
+            refused = self._reader.get_requested_incompatible_qos_status()
+            if refused.total_count_change:
+                self._wanted[0 if refused.last_policy_id == self.DURABILITY else 1] = False
+                self._reader = self._made()
+        return super()._come()
+
+
+def _quality(latched: bool, kept: int, *, reliable: bool = True) -> Any:
     durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
-    return Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(kept), durability)
+    sure = Policy.Reliability.Reliable(duration(milliseconds=100)) if reliable else Policy.Reliability.BestEffort
+    return Qos(sure, Policy.History.KeepLast(kept), durability)

@@ -35,7 +35,8 @@ class HardwareArm(Protocol):
     """One real arm, as its loop sees it: a few calls that return within a fraction of a tick.
 
     It lives in the loop's process. Whatever it raises stops the arm, and is named to the script that moved it; an
-    ``ArmFault`` keeps its kind.
+    ``ArmFault`` keeps its kind. One that passes set-points on in parts may have an attribute ``behind``: while it is
+    true the motions of all arms wait, and the set-point is sent again. So nothing is left to come when they stop.
     """
 
     def commanded(self) -> tuple[NDArray[np.float64], float]:

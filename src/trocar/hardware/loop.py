@@ -66,6 +66,7 @@ class HardwareLoop:
         self.inbox: queue.SimpleQueue[object] = queue.SimpleQueue()
         self.closed = False
         self._devices: dict[str, HardwareArm] = {}
+        self._targets: dict[str, tuple[NDArray[np.float64], ...]] = {}
         self._sent: dict[str, deque[NDArray[np.float64]]] = {}
         self._velocity: dict[str, NDArray[np.float64]] = {}
         self._read: dict[str, JointReading] = {}
@@ -99,17 +100,22 @@ class HardwareLoop:
 
     def tick(self, late_s: float = 0.0) -> Report:
         """Send the next set-points, read, check; return what happened."""
-        self._report = Report(self._ticks + 1, (self._ticks + 1) * self.settings.tick_s, time.monotonic())
+        behind = any(getattr(self._devices[name], "behind", False) for name in self._arms if name not in self._dead)
+        tick = self._ticks if behind else self._ticks + 1
+        self._report = Report(tick, tick * self.settings.tick_s, time.monotonic())
         self._hear()
-        at_rest = all(self.driver.idle(name) for name in self._arms)
         self._watch(late_s)
-        self._take_over()
-        ahead = np.array([(self._ticks + 1) * self.settings.tick_s])
+        at_rest = not behind and all(self.driver.idle(name) for name in self._arms)
+        if not behind:  # else the motions wait, and what was sent last is sent again
+            self._take_over()
+            ahead = np.array([tick * self.settings.tick_s])
+            self._targets = {name: self.driver.targets(name, ahead) for name in self._arms}
+            self._ticks = tick
         for name in self._arms:
-            self._send(name, *self.driver.targets(name, ahead))
-        self._ticks += 1
+            self._send(name, *self._targets[name])
         self._read |= {name: reading for name in self._arms if (reading := self._reading(name)) is not None}
-        self.driver.note(self._ticks * self.settings.tick_s, self._read)
+        if not behind:
+            self.driver.note(self._ticks * self.settings.tick_s, self._read)
         self._tell()
         if self._closing and at_rest:  # and has been told so: a set-point is repeated where an arm is to stay
             self.close()
