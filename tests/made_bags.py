@@ -56,16 +56,17 @@ def raw(at_s, pixels, encoding, *, padding=0, big=False):
     return "sensor_msgs/msg/Image", {"header": header(at_s, "eye"), **values}
 
 
-def camera_info(at_s, size, k, d, model="plumb_bob"):
-    """A CameraInfo, whose matrices are in capitals in ROS 1."""
+def camera_info(at_s, size, k, d, model="plumb_bob", *, p=(0.0,) * 12, binning=(0, 0), roi=(0, 0, 0, 0)):
+    """A CameraInfo, whose matrices are in capitals in ROS 1; ``roi`` is x, y, width and height."""
 
-    def whole(store):
-        return store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    def region(store):
+        x, y, width, height = roi
+        return store.types["sensor_msgs/msg/RegionOfInterest"](x, y, height, width, False)
 
-    r, p, numbers = np.eye(3).ravel(), np.zeros(12), {"binning_x": 0, "binning_y": 0, "roi": whole}
+    numbers = {"binning_x": binning[0], "binning_y": binning[1], "roi": region}
     fields = {"header": header(at_s, "eye"), "height": size[1], "width": size[0], "distortion_model": model}
-    matrices = {"d": np.array(d, dtype=float), "k": np.array(k, dtype=float), "r": r, "p": p}
-    return "sensor_msgs/msg/CameraInfo", {**fields, **matrices, **numbers}
+    matrices = {"d": np.array(d, dtype=float), "k": np.array(k, dtype=float), "r": np.eye(3).ravel()}
+    return "sensor_msgs/msg/CameraInfo", {**fields, **matrices, "p": np.array(p, dtype=float), **numbers}
 
 
 def write_bag(

@@ -94,6 +94,40 @@ def test_only_measurements_at_rest_count_if_asked(tmp_path):
     assert found.moving == 5
 
 
+def test_a_slow_motion_is_no_standstill(tmp_path):
+    """Steps of less than what counts as a motion add up: 5e-7 rad each ms is 0.5 mrad in a second."""
+    sent = [joints(0.001 * k, q(5e-7 * min(k, 100))) for k in range(200)]
+    found = imported(tmp_path, sent, [joints(0.001 * k, q(0.0)) for k in (50, 150, 199)], settled_s=0.05)
+    assert found.moving == 1
+    assert_array_equal(found.recording.valid[~np.isnan(found.recording.q_phy[:, 0])], [False, True, True])
+    assert 40 < found.between < 60
+
+
+def test_ends_of_motions_need_a_time_to_settle(tmp_path):
+    topics = {"/PSM1/move_jp": [joints(0.0, q(0.0)), joints(1.0, q(0.5))]}
+    topics["/tracker/joints"] = [joints(0.1 + 0.1 * k, q(0.0)) for k in range(30)]
+    with open_bag(write_bag(tmp_path, "ros1", topics)) as bag:
+        choice = choose(bag, "", *topics)
+        with pytest.raises(InvalidInput, match=r"'/PSM1/move_jp' holds the ends of motions, .* give --settled"):
+            read_recording(bag, choice)
+        assert read_recording(bag, choice, settled_s=1.5).moving == 24
+
+
+def test_messages_that_do_not_fit_are_left_out_and_counted(tmp_path):
+    """Whatever else somebody publishes in the same topic does not end an import."""
+    sent = [
+        joints(0.0, q(0.1)),
+        joints(0.1, q(0.2)[:5]),
+        joints(0.2, q(0.2), names=PSM[:5]),
+        joints(0.3, [0.5], names=["jaw"]),
+        joints(0.4, np.zeros(7), names=[]),
+        joints(0.5, q(0.3)),
+    ]
+    found = imported(tmp_path, sent, [joints(0.45, q(0.0)), joints(0.6, q(0.0))])
+    assert (found.commanded.unfit, found.commanded.empty, found.measured.unfit) == (4, 0, 0)
+    assert_allclose(found.recording.q_cmd[:, 0], [0.1, 0.3])
+
+
 @pytest.mark.parametrize(
     ("names", "order"),
     [
@@ -164,18 +198,57 @@ def chosen(tmp_path, topics, *words, **options):
 def test_the_arms_of_a_bag_are_found_by_the_names_of_crtk(tmp_path):
     with open_bag(write_bag(tmp_path, "ros1", TWO)) as bag:
         assert arms_in(bag) == ["/PSM1", "/PSM2"]
-        assert choose(bag, "/PSM1") == choose(bag, "PSM1/") == Choice("/PSM1/setpoint_js", "/PSM1/measured_js")
-        assert choose(bag, "/PSM2") == Choice("/PSM2/servo_jp", "/PSM2/measured_js")
+        assert choose(bag, "/PSM1") == choose(bag, "PSM1/") == Choice("/PSM1/setpoint_js", "/PSM1/measured_js", True)
+        assert choose(bag, "/PSM2") == Choice("/PSM2/servo_jp", "/PSM2/measured_js", True)
         with pytest.raises(InvalidInput, match="holds the arms /PSM1, /PSM2; choose one, such as --namespace /PSM1"):
             choose(bag)
         with pytest.raises(InvalidInput, match="'/ECM/setpoint_js' is unknown"):
             choose(bag, "/ECM")
         tracked = choose(bag, "/PSM1", measured="/tracker/measured_js")
         assert tracked == Choice("/PSM1/setpoint_js", "/tracker/measured_js")
-        assert not tracked.encoders and choose(bag, "/PSM1").encoders
+        assert not tracked.encoders
         assert choose(bag, "", "/console/move_jp", "/ECM/measured_js").commanded == "/console/move_jp"
-        with pytest.raises(InvalidInput, match="cannot be commanded and measured at once"):
-            choose(bag, "", "/console/move_jp", "/console/move_jp")
+        for words in (("", "/PSM1/measured_js", "/PSM1/measured_js"), ("/PSM1", "/PSM1/measured_js")):
+            with pytest.raises(InvalidInput, match="'/PSM1/measured_js' cannot be commanded and measured at once"):
+                choose(bag, *words)
+
+
+def test_the_arm_of_a_topic_that_is_given_comes_first(tmp_path):
+    with open_bag(write_bag(tmp_path, "ros1", TWO)) as bag:
+        assert choose(bag, commanded="/PSM1/setpoint_js") == Choice("/PSM1/setpoint_js", "/PSM1/measured_js", True)
+        assert choose(bag, measured="/PSM2/measured_js") == Choice("/PSM2/servo_jp", "/PSM2/measured_js", True)
+        with pytest.raises(InvalidInput, match="holds the arms /PSM1, /PSM2, /console; choose one"):
+            choose(bag, measured="/tracker/measured_js")
+
+
+def test_commands_of_two_kinds_are_not_mixed_up(tmp_path):
+    topics = {f"/PSM1/{name}": [joints(0.0, q(0.0))] for name in ("servo_jp", "move_jp", "measured_js")}
+    with open_bag(write_bag(tmp_path, "ros1", topics)) as bag:
+        with pytest.raises(
+            InvalidInput, match="both in servo_jp and in move_jp; choose one, such as --commanded /PSM1/s"
+        ):
+            choose(bag)
+        assert choose(bag, commanded="/PSM1/move_jp").commanded == "/PSM1/move_jp"
+    topics["/PSM1/setpoint_js"] = [joints(0.0, q(0.0))]
+    with open_bag(write_bag(tmp_path, "mcap", topics)) as bag:
+        assert choose(bag).commanded == "/PSM1/setpoint_js"
+
+
+@pytest.mark.parametrize(
+    ("measured", "encoders"),
+    [
+        ("/PSM1/measured_js", True),
+        ("/PSM1/other", True),
+        ("/PSM1/true_js", False),
+        ("/tracker/measured_js", False),
+        ("/dvrk/PSM1/state_joint_current", True),
+        ("/dvrk/PSM1/other", False),
+    ],
+)
+def test_what_lies_beside_an_arms_commands_comes_from_its_encoders(tmp_path, measured, encoders):
+    """Whatever its commands are: those of tips as well, and those in another namespace."""
+    topics = {name: [joints(0.0, q(0.0))] for name in ("/console/servo_jp", "/PSM1/servo_cp", measured)}
+    assert chosen(tmp_path, topics, "", "/console/servo_jp", measured).encoders == encoders
 
 
 def test_topics_of_which_nothing_was_recorded_do_not_count(tmp_path):
@@ -189,7 +262,7 @@ def test_topics_of_which_nothing_was_recorded_do_not_count(tmp_path):
 
 def test_the_only_arm_is_taken(tmp_path):
     one = {name: messages for name, messages in TWO.items() if name.startswith("/PSM1")}
-    assert chosen(tmp_path, one) == Choice("/PSM1/setpoint_js", "/PSM1/measured_js")
+    assert chosen(tmp_path, one) == Choice("/PSM1/setpoint_js", "/PSM1/measured_js", True)
 
 
 def test_a_topic_that_is_given_need_not_be_in_the_arms_namespace(tmp_path):

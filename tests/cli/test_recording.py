@@ -18,6 +18,7 @@ TOPICS = {
     "/tracker/measured_js": [joints(0.8 * k + 0.5, q) for k, q in enumerate(TRUE)],
     "/eye/image_raw": [raw(0.1, np.zeros((4, 6, 3), np.uint8), "rgb8"), raw(None, np.zeros((4, 6)), "rgb8")],
 }
+TOPICS["/eye/image_raw"].append(raw(0.2, np.zeros((4, 6), np.uint8), "rgb8"))
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -41,6 +42,7 @@ def test_a_bag_becomes_a_cable_model(trocar, tmp_path, form):
 def test_encoders_are_warned_of_and_everything_left_out_is_said(trocar, tmp_path):
     sent = [joints(None, Q[0]), joints(1.0, Q[1]), joints(2.0, Q[2]), joints(1.5, Q[3]), joints(2.5, Q[4], names=())]
     seen = [joints(0.5, Q[0]), joints(1.1, []), joints(1.2, Q[1]), joints(3.0, Q[4]), joints(3.5, Q[4] + 1.5)]
+    seen.append(joints(3.6, Q[4][:5]))
     bag = write_bag(tmp_path, "mcap", {"/PSM1/servo_jp": sent, "/PSM1/measured_js": seen})
     code, text, _ = trocar("recording", "import", bag, "--out", tmp_path / "a.npz", "--settled", "0.4")
     assert code == 0
@@ -50,13 +52,16 @@ def test_encoders_are_warned_of_and_everything_left_out_is_said(trocar, tmp_path
         "/PSM1/servo_jp: 1 message with an earlier stamp than the one before, put in order",
         "/PSM1/servo_jp: 1 message without names of joints, taken as q1 to q6",
         "/PSM1/measured_js: 1 message without finite positions, left out",
+        "/PSM1/measured_js: 1 message of other joints, or without a position for each name, left out",
         "1 measurement before the first command, left out",
         "1 measurement during or too soon after a motion, marked as not valid",
         "1 measurement with a wrist angle 1 rad or more from its command, marked as not valid",
-        "warning: the measurements are those of the arm's encoders",
+        "warning: by their topic, the measurements are those of the arm's encoders",
     ):
         assert line in text
     assert load_recording(tmp_path / "a.npz").valid.tolist() == [False, False, False, True, False]
+    code, said, _ = trocar("recording", "import", bag, "--out", tmp_path / "a.npz", "--json")
+    assert json.loads(said)["recording"]["left_out"]["/PSM1/measured_js"] == {"unstamped": 0, "empty": 1, "unfit": 1}
 
 
 def test_images_are_written_with_and_without_a_recording(trocar, tmp_path):
@@ -65,9 +70,10 @@ def test_images_are_written_with_and_without_a_recording(trocar, tmp_path):
     assert code == 0
     assert f"{tmp_path / 'images' / 'eye_image_raw'}: 1 image of /eye/image_raw, without a lens" in text
     assert "/eye/image_raw: 1 image with a stamp of 0, left out" in text
+    assert "/eye/image_raw: 1 image of other bytes than it claims, left out" in text
     words = ("--images", tmp_path / "images", "--out", tmp_path / "a.npz", "--camera", "/eye/image_raw", "--json")
     said = json.loads(trocar("recording", "import", bag, *words)[1])
-    assert said["recording"]["rows"] == 80 and [one["images"] for one in said["images"]] == [1]
+    assert said["recording"]["rows"] == 80 and [(one["images"], one["damaged"]) for one in said["images"]] == [(1, 1)]
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -81,8 +87,8 @@ def test_what_a_bag_holds(trocar, tmp_path, form):
     said = json.loads(trocar("recording", "show", bag, "--json")[1])
     assert said["topics"]["/eye/image_raw"] == {
         "kind": "sensor_msgs/Image",
-        "messages": 2,
-        "rate_hz": pytest.approx(2 / 0.79),
+        "messages": 3,
+        "rate_hz": pytest.approx(3 / 0.79),
     }
     assert (said["arms"], said["cameras"]) == (["/PSM1"], ["/eye/image_raw"])
 
@@ -100,6 +106,10 @@ def test_what_a_bag_holds(trocar, tmp_path, form):
         ),
         (("--out", "a.npz", "--measured", "/eye/image_raw"), "holds sensor_msgs/Image"),
         (("--out", "a.npz", "--joints", "a,b"), "does not name six joints"),
+        (
+            ("--out", "a.npz", "--namespace", "/PSM1", "--commanded", "/PSM1/measured_js"),
+            "topic '/PSM1/measured_js' cannot be commanded and measured at once",
+        ),
         (("--images", "images", "--camera", "/eye/image"), "'/eye/image' is unknown; did you mean '/eye/image_raw'"),
         (("--images", "bag.bag"), "is a file; give a folder"),
     ],

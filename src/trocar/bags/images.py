@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from io import BytesIO
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +17,7 @@ from PIL import Image
 
 from trocar.bags.reader import Bag, stamp_ns
 from trocar.errors import BadFile, InvalidInput
-from trocar.files.output import make_folder, require_place, write_json, writing
+from trocar.files.output import blame, clear_drafts, make_folder, require_place, write_json
 from trocar.perception.image import Intrinsics
 
 RAW, COMPRESSED, INFO = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo"
@@ -31,6 +34,8 @@ CHANNELS = {
 BYTES = {"rgba8": 4, "bgra8": 4}
 DEEP = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
 """Depth, in mm and m, and grey of 16 bits: one number a pixel."""
+RECTIFIED = re.compile("(?<![a-z])rect", re.IGNORECASE)
+"""What the name of a topic has whose images are without distortion: ``image_rect_color``."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +47,25 @@ class CameraFiles:
     """The file with their names, their stamps and the lens."""
     images: int
     lens: Intrinsics | None
-    """None: the bag has no camera info for it, or of a lens with another distortion than Brown's."""
+    """None: the bag has no camera info for it, of another size, or of a lens with another distortion than Brown's."""
     unstamped: int
     """Images with a stamp of 0, left out."""
     unknown: dict[str, int]
     """How many were left out by encoding, because it cannot be read."""
+    damaged: int
+    """Images left out because their bytes are no image, or not one of the size that they claim."""
+
+
+class _Picture(NamedTuple):
+    """An image as a file: how its name ends, its bytes, and its width and height in pixels."""
+
+    suffix: str
+    content: bytes
+    size: tuple[int, int]
+
+
+class _Damaged(Exception):
+    """The bytes of a message are no image, or not one of the size that it claims."""
 
 
 def cameras_in(bag: Bag) -> list[str]:
@@ -58,8 +77,9 @@ def write_images(bag: Bag, folder: str | Path, cameras: list[str]) -> list[Camer
     """Write the images of topics into a folder each, and return what was written.
 
     Images of 8 and 16 bits become PNG files, those of floating point ``.npy``; compressed ones stay as they are. Beside
-    them, ``images.json`` has ``topic``, ``frame``, ``intrinsics`` (the fields of ``Intrinsics``, or null), and for each
-    image its ``file`` and ``stamp_ns``, since 1970.
+    them, ``images.json`` has ``topic``, ``frame``, ``intrinsics`` (the fields of ``Intrinsics``, or null), for each
+    image its ``file`` and ``stamp_ns``, since 1970, and whether they are ``complete``, which is false until all are
+    written.
 
     Args:
         bag: in which they are.
@@ -67,109 +87,158 @@ def write_images(bag: Bag, folder: str | Path, cameras: list[str]) -> list[Camer
         cameras: topics; empty: all with images.
 
     Raises:
-        InvalidInput: there is no such topic, or it has no images; a file is in the way.
+        InvalidInput: there is no such topic, it has no images, or two would have the same folder; a file is in the way.
         BadFile: the bag is damaged.
         MachineError: a file cannot be written.
     """
     if not cameras and not cameras_in(bag):
         raise InvalidInput(f"bag {str(bag.path)!r}", "holds no images", "leave --images out")
-    for name in cameras:
+    chosen = list(dict.fromkeys(cameras)) or cameras_in(bag)
+    for name in chosen:
         bag.topic(name, RAW, COMPRESSED)
-    return [_write_camera(bag, Path(folder), name) for name in cameras or cameras_in(bag)]
+    return [_write_camera(bag, Path(folder) / name, topic) for topic, name in _folders(chosen).items()]
+
+
+def _folders(topics: Sequence[str]) -> dict[str, str]:
+    """Return the name of the folder of each topic."""
+    names = {topic: topic.strip("/").replace("/", "_") for topic in topics}
+    for name, count in Counter(names.values()).items():
+        if count > 1:
+            which = " and ".join(topic for topic in topics if names[topic] == name)
+            remedy = "import them one by one (--camera), each into a folder of its own"
+            raise InvalidInput(f"topics {which}", f"would both be written into {name!r}", remedy)
+    return names
 
 
 def _write_camera(bag: Bag, folder: Path, topic: str) -> CameraFiles:
-    place = make_folder(folder / topic.strip("/").replace("/", "_"))
+    place = make_folder(folder)
+    clear_drafts(place)
     listed = require_place(place / LIST, KIND)
-    _clear(place)
-    write_json(listed, {"topic": topic, "images": []}, KIND)  # whose the images are, should this be interrupted
-    unstamped, unknown, frame = 0, dict[str, int](), ""
+    _require_ours(place)
+    # the images have no mark: this says whose they are, and that they are not all, should the import be interrupted
+    write_json(listed, {"topic": topic, "complete": False, "images": []}, KIND)
+    for file in place.iterdir():
+        if IMAGE_FILE.fullmatch(file.name):
+            file.unlink()
+    unstamped, damaged, unknown, frame = 0, 0, Counter[str](), ""
     images: list[dict[str, Any]] = []
+    sizes: set[tuple[int, int]] = set()
     for _, message in bag.messages([topic]):
         if not stamp_ns(message):
             unstamped += 1
             continue
-        found = _file_of(topic, message)
-        if found is None:
-            what = str(getattr(message, "encoding", "")) or str(message.format)
-            unknown[what] = unknown.get(what, 0) + 1
+        try:
+            picture = _picture(message)
+        except _Damaged:
+            damaged += 1
             continue
-        suffix, content = found
-        name, frame = f"{len(images):06d}{suffix}", message.header.frame_id
-        with writing(place / name, "image") as draft:
-            draft.write_bytes(content)
+        if picture is None:
+            unknown[message.format if hasattr(message, "format") else message.encoding] += 1
+            continue
+        name, frame = f"{len(images):06d}{picture.suffix}", message.header.frame_id
+        _write(place / name, picture.content)
         images.append({"file": name, "stamp_ns": stamp_ns(message)})
-    lens = _lens(bag, topic)
-    values = {"topic": topic, "frame": frame, "intrinsics": asdict(lens) if lens else None, "images": images}
-    write_json(listed, values, KIND)
-    return CameraFiles(topic, listed, len(images), lens, unstamped, unknown)
+        sizes.add(picture.size)
+    lens = _lens(bag, topic, sizes)
+    values = {"topic": topic, "frame": frame, "complete": True, "intrinsics": asdict(lens) if lens else None}
+    write_json(listed, {**values, "images": images}, KIND)
+    return CameraFiles(topic, listed, len(images), lens, unstamped, dict(unknown), damaged)
 
 
-def _clear(place: Path) -> None:
-    """Remove the images of an earlier import.
+def _write(path: Path, content: bytes) -> None:
+    """Write an image in a folder that its list shows to be ours, without a draft: a draft would scan the folder."""
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise blame(error)(f"cannot write {str(path)!r} ({error.strerror or error}); choose another folder") from None
 
-    Raises:
-        BadFile: the folder holds something else.
-    """
+
+def _require_ours(place: Path) -> None:
+    """Raise BadFile if a folder holds files, but not the list of an earlier import."""
     inside = {file.name for file in place.iterdir()}
     if inside and LIST not in inside:
         raise BadFile(place, f"holds files, but no {LIST} of an earlier import", "give another", kind="folder")
-    for name in inside:
-        if IMAGE_FILE.fullmatch(name):
-            (place / name).unlink()
 
 
-def _file_of(topic: str, message: Any) -> tuple[str, bytes] | None:
-    """Return suffix and bytes of the file of an image; None if its encoding is unknown."""
+def _picture(message: Any) -> _Picture | None:
+    """Return an image as a file; None if its encoding is unknown.
+
+    Raises:
+        _Damaged: it is no image, or not of the size that it claims.
+    """
     if hasattr(message, "format"):
-        content = bytes(message.data)
-        return next(((suffix, content) for magic, suffix in SUFFIXES.items() if content.startswith(magic)), None)
+        return _compressed(bytes(message.data))
+    file, size = BytesIO(), (message.width, message.height)
     if message.encoding in DEEP:
-        values = _pixels(topic, message, DEEP[message.encoding], 1)[:, :, 0]
-        file = BytesIO()
+        values = _pixels(message, DEEP[message.encoding], 1)[:, :, 0]
         if values.dtype.kind == "f":
             np.save(file, values.astype(np.float32), allow_pickle=False)
-            return ".npy", file.getvalue()
+            return _Picture(".npy", file.getvalue(), size)
         Image.fromarray(values.astype(np.uint16)).save(file, "png")
-        return ".png", file.getvalue()
+        return _Picture(".png", file.getvalue(), size)
     if message.encoding not in CHANNELS:
         return None
-    order, file = CHANNELS[message.encoding], BytesIO()
-    values = _pixels(topic, message, "u1", BYTES.get(message.encoding, len(order)))
+    order = CHANNELS[message.encoding]
+    values = _pixels(message, "u1", BYTES.get(message.encoding, len(order)))
     Image.fromarray(values[:, :, 0] if len(order) == 1 else values[:, :, order]).save(file, "png")
-    return ".png", file.getvalue()
+    return _Picture(".png", file.getvalue(), size)
 
 
-def _pixels(topic: str, message: Any, kind: str, channels: int) -> NDArray[Any]:
-    """Return the pixels (height, width, channels) of a raw image; rows may be padded, and bytes swapped."""
+def _compressed(content: bytes) -> _Picture | None:
+    """Return a compressed image as it is; raises as ``_picture`` does."""
+    suffix = next((suffix for magic, suffix in SUFFIXES.items() if content.startswith(magic)), None)
+    if suffix is None:
+        return None
+    try:
+        with Image.open(BytesIO(content)) as picture:
+            return _Picture(suffix, content, picture.size)
+    except (OSError, ValueError, Image.DecompressionBombError):
+        raise _Damaged from None
+
+
+def _pixels(message: Any, kind: str, channels: int) -> NDArray[Any]:
+    """Return the pixels (height, width, channels) of a raw image; rows may be padded, and bytes swapped.
+
+    Raises:
+        _Damaged: there are none, or more or fewer than it claims.
+    """
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     used = message.width * channels * dtype.itemsize
     data = np.asarray(message.data, dtype=np.uint8)
-    if message.step < used or len(data) != message.step * message.height or not used:
-        size = f"{message.width} x {message.height} pixels of {message.encoding}"
-        problem = f"has an image of {size} in {len(data)} bytes of {message.step} a row"
-        raise InvalidInput(f"topic {topic!r}", problem, "record it again, or leave it out by naming others (--camera)")
+    if not used or message.step < used or not message.height or len(data) != message.step * message.height:
+        raise _Damaged
     rows = np.ascontiguousarray(data.reshape(message.height, message.step)[:, :used])
     return rows.view(dtype).reshape(message.height, message.width, channels)
 
 
-def _lens(bag: Bag, topic: str) -> Intrinsics | None:
-    """Return the lens from the camera info beside a topic, or beside the one of which it is the compression."""
+def _lens(bag: Bag, topic: str, sizes: set[tuple[int, int]]) -> Intrinsics | None:
+    """Return the lens from the camera info beside a topic, or beside the one of which it is the compression.
+
+    None if there are images, and all of other sizes (width, height) than the camera info says.
+    """
     beside = topic.rpartition("/")[0]
     places = [beside, beside.rpartition("/")[0]] if bag.topics[topic].kind == COMPRESSED else [beside]
     known = {info.name for info in bag.of_kind(INFO)}
+    rectified = bool(RECTIFIED.search(topic.removesuffix("/compressed").rpartition("/")[2]))
     for name in (f"{place}/camera_info" for place in places):
         if name in known:
             _, message = next(bag.messages([name]))
-            return _intrinsics(message)
+            lens = _intrinsics(message, rectified)
+            return lens if lens and (not sizes or (lens.width, lens.height) in sizes) else None
     return None
 
 
-def _intrinsics(info: Any) -> Intrinsics | None:
-    ros1 = hasattr(info, "K")
-    k, d = (info.K, info.D) if ros1 else (info.k, info.d)
-    k, d = [float(v) for v in k], [float(v) for v in d]
-    if (len(d) > 5 and any(d[5:])) or not k[0] or info.distortion_model not in ("", "plumb_bob"):
+def _intrinsics(info: Any, rectified: bool) -> Intrinsics | None:
+    """Return the lens of what the camera reads out: its region of interest, with pixels combined by binning."""
+    k, d, p = (info.K, info.D, info.P) if hasattr(info, "K") else (info.k, info.d, info.p)
+    fx, cx, fy, cy = (float(v) for v in (p[[0, 2, 5, 6]] if rectified else k[[0, 2, 4, 5]]))
+    d = [] if rectified else [float(v) for v in d]
+    browns = rectified or (info.distortion_model in ("", "plumb_bob") and not any(d[5:]))
+    if not browns or not all(map(isfinite, (fx, fy, cx, cy, *d))) or min(fx, fy) <= 0:
         return None
+    roi, across, down = info.roi, info.binning_x or 1, info.binning_y or 1
+    size = (roi.width or info.width) // across, (roi.height or info.height) // down
+    # the first combined pixel has its centre in the middle of those of which it is made
+    cx, cy = (cx - roi.x_offset - (across - 1) / 2) / across, (cy - roi.y_offset - (down - 1) / 2) / down
     k1, k2, p1, p2, k3 = [*d, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
-    return Intrinsics(int(info.width), int(info.height), k[0], k[4], k[2], k[5], (k1, k2, p1, p2, k3))
+    return Intrinsics(*size, fx / across, fy / down, cx, cy, (k1, k2, p1, p2, k3))

@@ -17,20 +17,24 @@ JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 """Names of a PSM's joints, q1 to q6; ``outer_yaw`` (before dVRK 2) and ``psm1_yaw`` are understood as well."""
 COMMANDED = ("setpoint_js", "servo_jp", "move_jp")
 """Topics of CRTK with commands, the one that says most first: what the controller held, then what it was sent."""
+TARGETS = "move_jp"
+"""That of them whose commands are the ends of motions, not the way there."""
 MEASURED = "measured_js"
+COMMANDS = ("setpoint_", "servo_", "move_")
+"""How CRTK's topics begin that show that a namespace is an arm's."""
+DVRK_1_ENCODERS = "state_joint_current"
+TRUTH = "true_js"
+"""Where the joints of a simulated trial really were, in the arm's namespace."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Topics of which a recording is made, ``commanded`` and ``measured``."""
+    """Topics of which a recording is made."""
 
     commanded: str
     measured: str
-
-    @property
-    def encoders(self) -> bool:
-        """Return whether the measurements are those of the arm's own encoders, which do not see its cables."""
-        return self.measured.rpartition("/")[2] == MEASURED and _parent(self.measured) == _parent(self.commanded)
+    encoders: bool = False
+    """Whether the measurements are, by their topic, those of the arm's own encoders, which do not see its cables."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,7 @@ class JointSeries:
         empty: how many had no positions, or one that is not a number; they are left out.
         late: how many came with an earlier stamp than the message before; they are put in order.
         unnamed: how many did not name their joints; the six are taken as q1 to q6.
+        unfit: how many had other joints, or not a position for each name; they are left out.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -52,6 +57,7 @@ class JointSeries:
     empty: int
     late: int
     unnamed: int
+    unfit: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,25 +87,23 @@ def choose(bag: Bag, namespace: str = "", commanded: str = "", measured: str = "
 
     Args:
         bag: in which they are.
-        namespace: of the arm, such as ``/PSM1``; empty: that of the only arm in the bag.
+        namespace: of the arm, such as ``/PSM1``; empty: that of the topic given, or else of the only arm in the bag.
         commanded: topic with commands; empty: the first of :data:`COMMANDED` in the namespace.
         measured: topic with measurements; empty: ``measured_js`` in the namespace.
 
     Raises:
-        InvalidInput: there is no such topic, it does not hold joints, or the bag holds no arm or several.
+        InvalidInput: there is no such topic, it does not hold joints, the bag holds no arm or several, or the arm was
+            sent commands of two kinds.
     """
-    if commanded and measured:
-        choice = Choice(commanded, measured)
-    else:
-        namespace = f"/{namespace.strip('/')}" if namespace.strip("/") else _only_arm(bag, not commanded, not measured)
-        known, sent = {topic.name for topic in bag.of_kind(JOINT_STATE)}, [f"{namespace}/{name}" for name in COMMANDED]
-        found = commanded or next((topic for topic in sent if topic in known), sent[0])
-        choice = Choice(found, measured or f"{namespace}/{MEASURED}")
-    for name in (choice.commanded, choice.measured):
+    sent, seen = commanded, measured
+    if not (commanded and measured):
+        arm = f"/{namespace.strip('/')}" if namespace.strip("/") else _arm(bag, commanded, measured)
+        sent, seen = commanded or _commands(bag, arm), measured or f"{arm}/{MEASURED}"
+    for name in (sent, seen):
         bag.topic(name, JOINT_STATE)
-    if choice.commanded == choice.measured:
-        raise InvalidInput(f"topic {measured!r}", "cannot be commanded and measured at once", "name two topics")
-    return choice
+    if sent == seen:
+        raise InvalidInput(f"topic {seen!r}", "cannot be commanded and measured at once", "name two topics")
+    return Choice(sent, seen, not measured or _of_encoders(bag, measured))
 
 
 def arms_in(bag: Bag, commanded: bool = True, measured: bool = True) -> list[str]:
@@ -127,9 +131,14 @@ def read_recording(bag: Bag, choice: Choice, order: Sequence[str] = (), settled_
         settled_s: measurements count for which the command has stood still this long; the others are not valid.
 
     Raises:
-        InvalidInput: the messages do not name these joints, none is valid, or the topics do not overlap in time.
+        InvalidInput: no message names these joints, none is valid, the topics do not overlap in time, or the commands
+            are only the ends of motions and ``settled_s`` is 0.
         BadFile: the bag is damaged.
     """
+    if choice.commanded.rpartition("/")[2] == TARGETS and settled_s <= 0:
+        problem = "holds the ends of motions, and measurements on the way there do not belong to them"
+        remedy = f"give --settled (settled_s), longer than any motion takes, or record {COMMANDED[0]}"
+        raise InvalidInput(f"topic {choice.commanded!r}", problem, remedy)
     if order and (len(order) != 6 or len(set(order)) < 6):
         raise InvalidInput(f"the order {','.join(order)!r}", "does not name six joints", "give six names, q1 to q6")
     sent, seen = (_series(bag, name, order) for name in (choice.commanded, choice.measured))
@@ -142,7 +151,7 @@ def read_recording(bag: Bag, choice: Choice, order: Sequence[str] = (), settled_
         raise InvalidInput(f"the first command of {choice.commanded!r} comes", problem, "record both at the same time")
     seen_ns = seen.stamps_ns[early:]
     held = np.searchsorted(sent.stamps_ns, seen_ns, side="right") - 1
-    changes = np.flatnonzero(np.abs(np.diff(sent.q, axis=0, prepend=np.inf)).max(axis=1) > NO_MOTION_RAD)
+    changes = _changes(sent.q)
     still_ns = seen_ns - sent.stamps_ns[changes[np.searchsorted(changes, held, side="right") - 1]]
     settled = still_ns >= settled_s * NS_PER_S
     between = np.setdiff1d(changes[changes < held[-1]], held)
@@ -159,8 +168,30 @@ def read_recording(bag: Bag, choice: Choice, order: Sequence[str] = (), settled_
     return Imported(recording, sent, seen, early, len(between), int(np.sum(~settled)))
 
 
-def _only_arm(bag: Bag, commanded: bool, measured: bool) -> str:
-    arms = arms_in(bag, commanded, measured)
+def _commands(bag: Bag, arm: str) -> str:
+    """Return the topic with an arm's commands; if there is none, the one that there should be."""
+    known = {topic.name for topic in bag.of_kind(JOINT_STATE)}
+    first, *others = [name for name in COMMANDED if f"{arm}/{name}" in known] or COMMANDED[:1]
+    if others and first != COMMANDED[0]:
+        problem = f"was sent commands both in {first} and in {others[0]}"
+        remedy = f"choose one, such as --commanded {arm}/{first}, or record {COMMANDED[0]}, which holds both"
+        raise InvalidInput(f"arm {arm!r}", problem, remedy)
+    return f"{arm}/{first}"
+
+
+def _of_encoders(bag: Bag, topic: str) -> bool:
+    """Return whether a topic that was given is by its name one of an arm's encoders."""
+    arm, _, name = topic.rpartition("/")
+    beside = [other.rpartition("/")[2] for other in bag.topics if _parent(other) == arm]
+    return name == DVRK_1_ENCODERS or (name != TRUTH and any(other.startswith(COMMANDS) for other in beside))
+
+
+def _arm(bag: Bag, commanded: str, measured: str) -> str:
+    """Return the arm of the topic that was given, one of them at most, or else the only one."""
+    arms = arms_in(bag, not commanded, not measured)
+    given = commanded or measured
+    if given and _parent(given) in arms:
+        return _parent(given)
     item = f"bag {str(bag.path)!r}"
     if not arms:
         other = ", ".join(topic.name for topic in bag.of_kind(JOINT_STATE)) or "none"
@@ -171,10 +202,22 @@ def _only_arm(bag: Bag, commanded: bool, measured: bool) -> str:
     return arms[0]
 
 
+def _changes(q: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return where commands (n, 6) differ from the last one that did, the first one included: (k,).
+
+    Compared with the one just before, a slow motion would be none.
+    """
+    changes = [0]
+    for row in range(1, len(q)):
+        if np.abs(q[row] - q[changes[-1]]).max() > NO_MOTION_RAD:
+            changes.append(row)
+    return np.array(changes)
+
+
 def _series(bag: Bag, topic: str, order: Sequence[str]) -> JointSeries:
     stamps, rows = [], []
-    unstamped = empty = unnamed = 0
-    places: dict[tuple[str, ...], list[int]] = {}
+    unstamped = empty = unnamed = unfit = 0
+    places: dict[tuple[tuple[str, ...], int], list[int] | InvalidInput] = {}
     for _, message in bag.messages([topic]):
         names, position = tuple(message.name), np.asarray(message.position, dtype=np.float64)
         if not stamp_ns(message):
@@ -183,12 +226,14 @@ def _series(bag: Bag, topic: str, order: Sequence[str]) -> JointSeries:
         if not len(position):
             empty += 1
             continue
-        if names not in places:
-            places[names] = _places(topic, names, len(position), order)
-        if len(position) != max(len(names), 6):
-            problem = f"has a message of {len(names)} names and {len(position)} positions"
-            raise InvalidInput(f"topic {topic!r}", problem, "record a topic that has a position for each name")
-        q = position[places[names]]
+        kind = names, len(position)
+        if kind not in places:
+            places[kind] = _places(topic, names, len(position), order)
+        place = places[kind]
+        if isinstance(place, InvalidInput):
+            unfit += 1
+            continue
+        q = position[place]
         if not np.isfinite(q).all():
             empty += 1
             continue
@@ -196,33 +241,39 @@ def _series(bag: Bag, topic: str, order: Sequence[str]) -> JointSeries:
         stamps.append(stamp_ns(message))
         rows.append(q)
     if not rows:
-        counts = f"{unstamped} with a stamp of 0, which CRTK calls not valid, and {empty} without positions"
-        raise InvalidInput(f"topic {topic!r}", f"holds no valid joints: {counts}", "name another, or record it again")
+        raise _nothing_in(topic, list(places.values()), unstamped, empty)
     stamps_ns = np.array(stamps, dtype=np.int64)
     in_order = np.argsort(stamps_ns, kind="stable")
     late = int(np.sum(np.diff(stamps_ns) < 0))
-    return JointSeries(stamps_ns[in_order], np.array(rows)[in_order], unstamped, empty, late, unnamed)
+    return JointSeries(stamps_ns[in_order], np.array(rows)[in_order], unstamped, empty, late, unnamed, unfit)
 
 
-def _places(topic: str, names: tuple[str, ...], count: int, order: Sequence[str]) -> list[int]:
-    """Return where q1 to q6 are among a message's positions."""
-    remedy = "name six of them with --joints, q1 to q6"
-    if not names:
-        if count != 6 or order:
-            problem = f"does not name its {count} joints"
-            raise InvalidInput(f"topic {topic!r}", problem, "only six unnamed joints can be used, as q1 to q6")
-        return list(range(6))
-    if order:
-        for name in order:
-            if name not in names:
-                raise UnknownName(f"joint of topic {topic!r}", name, names)
-        return [names.index(name) for name in order]
-    meant = [_meant(name) for name in names]
-    if any(meant.count(joint) != 1 for joint in JOINTS):
+def _nothing_in(topic: str, places: Sequence[list[int] | InvalidInput], unstamped: int, empty: int) -> InvalidInput:
+    """Return why a topic has no valid joints: what is wrong with the first ones that do not fit, or what is missing."""
+    wrong = next((place for place in places if isinstance(place, InvalidInput)), None)
+    counts = f"{unstamped} with a stamp of 0, which CRTK calls not valid, and {empty} without positions"
+    problem = f"holds no valid joints: {counts}"
+    return wrong or InvalidInput(f"topic {topic!r}", problem, "name another, or record it again")
+
+
+def _places(topic: str, names: tuple[str, ...], count: int, order: Sequence[str]) -> list[int] | InvalidInput:
+    """Return where q1 to q6 are among a message's positions, or why it does not say so."""
+    item = f"topic {topic!r}"
+    if not names and (count != 6 or order):
+        problem = f"does not name its {count} joints"
+        return InvalidInput(item, problem, "only six unnamed joints can be used, as q1 to q6")
+    if missing := [name for name in order if name not in names]:
+        return UnknownName(f"joint of {item}", missing[0], names)
+    meant = list(names) if order else [_meant(name) for name in names] or list(JOINTS)
+    wanted = order or JOINTS
+    if any(meant.count(joint) != 1 for joint in wanted):
         listed = ", ".join(repr(name)[1:-1] for name in names)  # from a damaged bag, of any characters
-        problem = f"has the joints {listed}, not once each of {', '.join(JOINTS)}"
-        raise InvalidInput(f"topic {topic!r}", problem, remedy)
-    return [meant.index(joint) for joint in JOINTS]
+        problem = f"has the joints {listed}, not once each of {', '.join(wanted)}"
+        return InvalidInput(item, problem, "name six of them with --joints, q1 to q6")
+    if count != len(meant):
+        problem = f"has a message of {len(names)} names and {count} positions"
+        return InvalidInput(item, problem, "record a topic that has a position for each name")
+    return [meant.index(joint) for joint in wanted]
 
 
 def _meant(name: str) -> str:

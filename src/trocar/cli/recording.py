@@ -71,14 +71,15 @@ def import_bag(
         Path | None, Option(metavar="FILE.npz", help="Write the recording of an arm here, for trocar calibrate.")
     ] = None,
     namespace: Annotated[
-        str, Option(metavar="/PSM1", help="Of the arm's topics.", show_default="the only arm in the bag")
+        str,
+        Option(metavar="/PSM1", help="Of the arm's topics.", show_default="that of a topic given, or the only arm's"),
     ] = "",
     commanded: Annotated[
         str,
         Option(
             metavar="TOPIC",
             help="JointState with the commands.",
-            show_default="setpoint_js of the namespace, else servo_jp, else move_jp",
+            show_default="setpoint_js of the namespace, else servo_jp or move_jp",
         ),
     ] = "",
     measured: Annotated[
@@ -153,7 +154,9 @@ def _recording_summary(out: Path, bag: Bag, choice: Choice, found: Imported) -> 
         "before_the_first_command": found.early,
         "without_measurement": found.between,
         "moving": found.moving,
-        "left_out": {name: {"unstamped": one.unstamped, "empty": one.empty} for name, one in series.items()},
+        "left_out": {
+            name: {"unstamped": one.unstamped, "empty": one.empty, "unfit": one.unfit} for name, one in series.items()
+        },
         "out_of_order": {name: one.late for name, one in series.items()},
         "unnamed": {name: one.unnamed for name, one in series.items()},
     }
@@ -172,6 +175,7 @@ def _recording_lines(out: Path, choice: Choice, found: Imported) -> list[str]:
         notes = {
             "with a stamp of 0 (not valid), left out": one.unstamped,
             "without finite positions, left out": one.empty,
+            "of other joints, or without a position for each name, left out": one.unfit,
             "with an earlier stamp than the one before, put in order": one.late,
             "without names of joints, taken as q1 to q6": one.unnamed,
         }
@@ -186,8 +190,8 @@ def _recording_lines(out: Path, choice: Choice, found: Imported) -> list[str]:
         lines.append(f"{counted(far, 'measurement')} {words}")
     if choice.encoders:
         lines.append(
-            "warning: the measurements are those of the arm's encoders, which do not see its cables: a cable model "
-            "needs joints measured by something else (--measured TOPIC)"
+            "warning: by their topic, the measurements are those of the arm's encoders, which do not see its cables: a "
+            "cable model needs joints measured by something else (--measured TOPIC)"
         )
     return lines
 
@@ -200,14 +204,18 @@ def _images_summary(written: CameraFiles) -> dict[str, Any]:
         "lens": written.lens is not None,
         "unstamped": written.unstamped,
         "unknown": written.unknown,
+        "damaged": written.damaged,
     }
 
 
 def _images_lines(written: CameraFiles) -> list[str]:
-    lens = "with its lens" if written.lens else "without a lens: no camera info of Brown's distortion belongs to it"
+    missing = "without a lens: no camera info of the images' size and of Brown's distortion belongs to it"
+    lens = "with its lens" if written.lens else missing
     lines = [f"{written.list.parent}: {counted(written.images, 'image')} of {written.topic}, {lens}"]
     if written.unstamped:
         lines.append(f"{written.topic}: {counted(written.unstamped, 'image')} with a stamp of 0, left out")
+    if written.damaged:
+        lines.append(f"{written.topic}: {counted(written.damaged, 'image')} of other bytes than it claims, left out")
     for encoding, count in written.unknown.items():
         lines.append(f"{written.topic}: {counted(count, 'image')} in {encoding!r}, which cannot be read, left out")
     return lines
