@@ -43,7 +43,7 @@ def loop_settings(topics: Topics) -> LoopSettings:
     for name in topics.loop:
         if name not in kinds:
             raise UnknownName("the station's crtk.loop: setting", name, kinds)
-    usual = {"tick_s": RAVEN_TICK_S} if topics.dialect is Dialect.RAVEN else {}
+    usual: dict[str, Any] = {"tick_s": RAVEN_TICK_S} if topics.dialect is Dialect.RAVEN else {}
     return LoopSettings(**usual | {name: kinds[name](value) for name, value in topics.loop.items()})
 
 
