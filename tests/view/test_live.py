@@ -15,9 +15,9 @@ from live_scene import REPLAY, MadeUpScene, messages, moment
 from trocar.errors import MachineError
 from trocar.geometry import SE3
 from trocar.replay import Contact
+from trocar.view.camera_panel import FOUND
 from trocar.view.live import LiveView, Picture, legend
 from trocar.view.live_page import LivePage
-from trocar.view.panels import FOUND
 from trocar.view.replay import notice
 
 LIMIT_S = 60.0

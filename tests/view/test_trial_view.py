@@ -14,7 +14,9 @@ from trocar.errors import TrocarError
 from trocar.replay import CameraImage
 
 pytest.importorskip("viser")
-from trocar.view.panels import CameraPanel, ErrorPanel, JointsPanel, TimeLinePanel, decoded
+from trocar.view.camera_panel import CameraPanel, decoded
+from trocar.view.joints_panel import JointsPanel
+from trocar.view.timeline import ErrorPanel, TimeLinePanel
 from trocar.view.trial_view import TrialView, jumps
 
 REPLAY = made_up_replay(12.0)

@@ -16,8 +16,9 @@ from PIL import Image
 
 from trocar.geometry import SE3
 from trocar.replay import Contact, Replay
+from trocar.view.camera_panel import reduced, with_outlines
 from trocar.view.film import shoot
-from trocar.view.panels import WINDOW_S, Joints, JointsPanel, LiveTimeLine, Span, reduced, with_outlines
+from trocar.view.joints_panel import Joints, JointsPanel
 from trocar.view.replay import notice
 from trocar.view.server import close_server, open_panel, open_server
 from trocar.view.stage import (
@@ -38,6 +39,7 @@ from trocar.view.stage import (
     set_up,
 )
 from trocar.view.surroundings import add_ports, lay_table
+from trocar.view.timeline import WINDOW_S, LiveTimeLine, Span
 from trocar.view.trial_view import PANELS_PER_S, in_words
 from trocar.view.viewpoint import BESIDE_PANEL, Viewpoint, viewpoint
 

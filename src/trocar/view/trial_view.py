@@ -5,17 +5,22 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from trocar.replay import Replay
+from trocar.view.camera_panel import CameraPanel
 from trocar.view.film import last_until, shoot
-from trocar.view.panels import panels
+from trocar.view.joints_panel import Joints, JointsPanel
 from trocar.view.replay import notice
 from trocar.view.server import close_server, open_panel, open_server
 from trocar.view.stage import Stage, said_of
+from trocar.view.timeline import ErrorPanel, TimeLinePanel
 from trocar.view.viewpoint import BESIDE_PANEL
+
+if TYPE_CHECKING:
+    from viser import GuiApi
 
 SPEEDS = {"x 0.1": 0.1, "x 0.25": 0.25, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 4": 4.0, "x 8": 8.0}
 FRAMES_PER_S = 30.0
@@ -51,7 +56,7 @@ class TrialView:
         with self.server.atomic():
             self.stage = Stage(self.server, replay, film, BESIDE_PANEL)
             self._add_controls(replay)
-            self._panels = panels(self.server.gui, replay)
+            self._panels = _panels(self.server.gui, replay)
         self.show(self.time_s)
 
     @property
@@ -156,3 +161,26 @@ def in_words(event: Mapping[str, object]) -> str:
     """Return an event without its time in one line."""
     short = {k: v for k, v in event.items() if k not in ("name", "time_s") and isinstance(v, str | int)}
     return ", ".join([str(event["name"]), *(f"{key} {value}" for key, value in short.items())])
+
+
+def _panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | ErrorPanel | CameraPanel | JointsPanel]:
+    """Add the panels for which the replay has data, and return them; each shows a tick of ``Replay.times_s``."""
+    found: list[TimeLinePanel | ErrorPanel | CameraPanel | JointsPanel] = []
+    if replay.tools:
+        with gui.add_folder("Tips, driven from planned"):
+            found.append(ErrorPanel(gui, replay))
+    if replay.spans:
+        with gui.add_folder("Time line"):
+            found.append(TimeLinePanel(gui, replay))
+    for camera in dict.fromkeys(image.camera for image in replay.images):
+        with gui.add_folder(f"Camera: {camera}"):
+            found.append(CameraPanel(gui, replay, camera))
+    joints = {arm: Joints.of(replay, arm) for arm in replay.joints}
+    if any(joints.values()):
+        with gui.add_folder("Joints"):
+            tabs = gui.add_tab_group()
+            for arm, values in joints.items():
+                if values is not None:
+                    with tabs.add_tab(arm):
+                        found.append(JointsPanel(gui, values))
+    return found

@@ -1,104 +1,28 @@
-"""Panels beside a scene: time line, errors of the tips, cameras, joints."""
+"""What happened when, beside a scene: the spans of scripts, and how far tips were from where they were planned."""
 
 from __future__ import annotations
 
-import io
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont, UnidentifiedImageError
+from PIL import Image, ImageDraw, ImageFont
 
-from trocar.errors import InvalidInput
-from trocar.replay import CameraImage, Replay
-from trocar.view.film import last_until
+from trocar.replay import Replay
 from trocar.view.stage import CONTACT, Rgb, arm_colours, css
 
 if TYPE_CHECKING:
     from viser import GuiApi
 
-KINDS = ("desired", "commanded", "measured", "true")
-PRISMATIC = 2  # yaw, pitch, insertion, roll, wrist pitch, wrist yaw, jaw: ``ArmModel`` has its third joint slide
-SCALE = np.where(np.arange(7) == PRISMATIC, 1e3, 180 / np.pi)  # from m and rad to mm and deg
 WINDOW_S = 5.0  # before and after the present, in curves and in the close-up of the time line
-POINTS = 250  # of a curve, maximum
-
-
-@dataclass(frozen=True, eq=False)
-class Joints:
-    """Joints of one arm in degrees, the insertion in mm.
-
-    Attributes:
-        names: seven.
-        times_s: (n,).
-        values: (n, 7) of each available one of ``KINDS``.
-        reference: the one of ``KINDS`` with which the others are compared.
-    """
-
-    names: tuple[str, ...]
-    times_s: NDArray[np.float64]
-    values: dict[str, NDArray[np.float64]]
-    reference: str
-
-    @staticmethod
-    def of(replay: Replay, arm: str) -> Joints | None:
-        """Return the joints of an arm, or None if the replay has none.
-
-        Raises:
-            TrocarError: an array has another shape than (n, 7).
-        """
-        given = replay.joints.get(arm, {})
-        kinds = [kind for kind in KINDS if kind in given]
-        if not kinds:
-            return None
-        shape = (len(replay.times_s), 7)
-        for kind in kinds:
-            if given[kind].shape != shape:
-                raise InvalidInput(f"the {kind} joints", f"of '{arm}' have shape {given[kind].shape}", f"give {shape}")
-        names = replay.joint_names.get(arm, tuple(f"joint {k + 1}" for k in range(7)))
-        return Joints(names, replay.times_s, {kind: given[kind] * SCALE for kind in kinds}, kinds[0])
-
-    def table(self, tick: int) -> str:
-        """Return the joints at a tick in Markdown, with the last kind's error against the reference."""
-        kinds = list(self.values)
-        error = kinds[-1] if len(kinds) > 1 else None
-        heads = ["joint", *kinds, *([f"{error} - {self.reference}"] if error else [])]
-        rows = [f"| {' | '.join(heads)} |", "|:--" + "|--:" * (len(heads) - 1) + "|"]
-        for k, name in enumerate(self.names):
-            numbers = [f"{self.values[kind][tick, k]:.1f}" for kind in kinds]
-            if error:
-                numbers.append(f"**{self.values[error][tick, k] - self.values[self.reference][tick, k]:+.2f}**")
-            rows.append(f"| {name.replace('_', ' ')}, {unit(k)} | {' | '.join(numbers)} |")
-        return "\n".join(rows)
-
-    def compared(self) -> tuple[str, ...]:
-        """Return the kinds that are compared with the reference."""
-        return tuple(kind for kind in self.values if kind != self.reference)
-
-    def errors_near(self, tick: int, joint: int) -> tuple[NDArray[np.float64], ...]:
-        """Return seconds from a tick's time (k,), and the difference (k,) of each of :meth:`compared`, deg or mm."""
-        now = self.times_s[tick]
-        first, last = np.searchsorted(self.times_s, [now - WINDOW_S, now + WINDOW_S])
-        ticks = np.arange(first, last, max(1, (last - first) // POINTS))
-        reference = self.values[self.reference][ticks, joint]
-        return (self.times_s[ticks] - now, *(self.values[kind][ticks, joint] - reference for kind in self.compared()))
-
-
-def unit(joint: int) -> str:
-    """Return the unit in which a joint, counted from 0, is shown."""
-    return "mm" if joint == PRISMATIC else "deg"
-
-
 Span = tuple[str, str, float, float]
 """Arm, name, start and end in s."""
-
 BESIDE = "padding:0 14px;line-height:1.6;"
 """Style of words that begin where pictures and text of viser's do."""
 WIDTH_PX, ROW_PX, AXIS_PX, NAMES_PX = 840, 40, 34, 90
@@ -230,33 +154,6 @@ def _marked(picture: NDArray[np.uint8], share: float, below_px: int = AXIS_PX) -
     return marked
 
 
-WIDEST_PX = 840  # width of a camera's image, small enough to be sent quickly
-CURVES: Mapping[str, Rgb] = {"commanded": (40, 120, 255), "measured": (214, 60, 160), "true": (95, 215, 40)}
-
-
-def panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | ErrorPanel | CameraPanel | JointsPanel]:
-    """Add the panels for which the replay has data, and return them; each shows a tick of ``Replay.times_s``."""
-    found: list[TimeLinePanel | ErrorPanel | CameraPanel | JointsPanel] = []
-    if replay.tools:
-        with gui.add_folder("Tips, driven from planned"):
-            found.append(ErrorPanel(gui, replay))
-    if replay.spans:
-        with gui.add_folder("Time line"):
-            found.append(TimeLinePanel(gui, replay))
-    for camera in dict.fromkeys(image.camera for image in replay.images):
-        with gui.add_folder(f"Camera: {camera}"):
-            found.append(CameraPanel(gui, replay, camera))
-    joints = {arm: Joints.of(replay, arm) for arm in replay.joints}
-    if any(joints.values()):
-        with gui.add_folder("Joints"):
-            tabs = gui.add_tab_group()
-            for arm, values in joints.items():
-                if values is not None:
-                    with tabs.add_tab(arm):
-                        found.append(JointsPanel(gui, values))
-    return found
-
-
 class TimeLinePanel:
     """The scripts' spans: the whole trial, and a close-up."""
 
@@ -289,68 +186,6 @@ class ErrorPanel:
         """Show a tick."""
         self._said.content = self._strip.said(tick)
         self._picture.image = self._strip.at(float(self._times_s[tick]))
-
-
-class CameraPanel:
-    """The latest image of a camera."""
-
-    def __init__(self, gui: GuiApi, replay: Replay, camera: str) -> None:
-        self._times_s = replay.times_s
-        self._images = sorted((i for i in replay.images if i.camera == camera), key=lambda image: image.time_s)
-        self._taken_s = np.array([image.time_s for image in self._images])
-        self._shown: int | None = None
-        self._said = gui.add_markdown("")
-        self._picture = gui.add_image(np.full((9, 16, 3), 235, np.uint8), format="jpeg", visible=False)
-        self.show(0)
-
-    def show(self, tick: int) -> None:
-        """Show the last image that was taken until a tick."""
-        last = last_until(self._taken_s, self._times_s[tick])
-        if last == self._shown:
-            return
-        self._shown = last
-        self._picture.visible = last >= 0
-        if last < 0:
-            self._said.content = f"takes its first image at {self._taken_s[0]:.2f} s"
-            return
-        image = decoded(self._images[last])
-        self._said.content = f"taken at {self._taken_s[last]:.2f} s" + ("" if image is not None else ", unreadable")
-        self._picture.visible = image is not None
-        if image is not None:
-            self._picture.image = image
-
-
-class JointsPanel:
-    """One joint's errors as curves, ``ahead_s`` beyond the present, all joints as a table."""
-
-    def __init__(self, gui: GuiApi, joints: Joints, ahead_s: float = WINDOW_S) -> None:
-        self._joints, self._tick = joints, 0
-        if joints.compared():
-            self._menu = gui.add_dropdown("joint", joints.names, initial_value=joints.names[-2])
-            looks: list[Any] = [{"label": kind, "stroke": css(CURVES[kind]), "width": 2} for kind in joints.compared()]
-            scales: dict[str, Any] = {"x": {"time": False, "range": (-WINDOW_S, ahead_s)}}
-            data = joints.errors_near(0, len(joints.names) - 2)
-            self._curves = gui.add_uplot(data, ({"label": "s from now"}, *looks), scales=scales, height=170)
-            self._menu.on_update(lambda _: self._draw_curves())
-        self._table = gui.add_markdown("")
-        self.show(0)
-
-    def show(self, tick: int) -> None:
-        """Show a tick."""
-        self._tick = tick
-        self._table.content = self._joints.table(tick)
-        if self._joints.compared():
-            self._draw_curves()
-
-    def renew(self, joints: Joints) -> None:
-        """Take other joints, of the same kinds, and show their end."""
-        self._joints = joints
-        self.show(len(joints.times_s) - 1)
-
-    def _draw_curves(self) -> None:
-        joint = self._joints.names.index(self._menu.value)
-        self._curves.title = f"{self._menu.value}: difference from {self._joints.reference}, {unit(joint)}"
-        self._curves.data = self._joints.errors_near(self._tick, joint)
 
 
 class LiveTimeLine:
@@ -386,49 +221,3 @@ class LiveTimeLine:
             self._picture.image, self._legend.content = line.near(time_s), line.legend()
         now = ", ".join(f"<b>{escape(arm)}</b> {escape(name)}" for arm, name, _ in begun)
         self._now.content = f'<div style="{BESIDE}font-size:13px">now: {now or "no step of a script"}</div>'
-
-
-def decoded(image: CameraImage) -> NDArray[np.uint8] | None:
-    """Return an image (h, w, 3), reduced if it is large; None if it is damaged."""
-    try:
-        with Image.open(io.BytesIO(image.encoded)) as file:
-            picture = file.convert("RGB")
-    except (UnidentifiedImageError, OSError, ValueError):
-        return None
-    return reduced(picture)
-
-
-FOUND: Rgb = (255, 225, 40)
-HALO: Rgb = (20, 20, 20)
-SMALL = ImageFont.load_default(size=12)
-SMALL_PX = (480, 360)
-"""An image is enlarged to whole multiples of its width and height that are no larger."""
-
-
-def with_outlines(color: NDArray[np.uint8], outlines_px: Mapping[str, NDArray[np.float64]]) -> NDArray[np.uint8]:
-    """Return an image (h, w, 3), enlarged if it is small, with closed lines (n, 2) of its pixels beside their names.
-
-    A line with an unknown place is left out.
-    """
-    height, width = color.shape[:2]
-    times = max(1, min(SMALL_PX[0] // width, SMALL_PX[1] // height))
-    picture = Image.fromarray(color.repeat(times, 0).repeat(times, 1))
-    pen = ImageDraw.Draw(picture)
-    for name, line_px in outlines_px.items():
-        if not np.isfinite(line_px).all():
-            continue
-        drawn = times * (np.concatenate([line_px, line_px[:1]]) + 0.5) - 0.5
-        corners = [tuple(corner) for corner in drawn.tolist()]
-        for colour, width in ((HALO, 4), (FOUND, 2)):
-            pen.line(corners, fill=colour, width=width, joint="curve")
-        left, right, middle = drawn[:, 0].min() - 4, drawn[:, 0].max() + 4, drawn[:, 1].mean()
-        fits = right + pen.textlength(name, SMALL) < picture.width
-        at, anchor = ((right, middle), "lm") if fits else ((left, middle), "rm")
-        pen.text(at, name, FOUND, SMALL, anchor, stroke_width=2, stroke_fill=HALO)
-    return np.asarray(picture)
-
-
-def reduced(picture: Image.Image) -> NDArray[np.uint8]:
-    """Return a picture (h, w, 3), reduced if it is large."""
-    picture.thumbnail((WIDEST_PX, WIDEST_PX))
-    return np.asarray(picture)

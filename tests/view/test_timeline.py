@@ -1,4 +1,4 @@
-"""Panels beside a scene: joints, timeline, figures."""
+"""The time line beside a scene: bars where the spans are, the present, errors of the tips."""
 
 from __future__ import annotations
 
@@ -7,75 +7,26 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
-from made_up_replay import JOINTS, made_up_replay
-from trocar.errors import TrocarError
-from trocar.view.panels import (
+from made_up_replay import made_up_replay
+from trocar.view.stage import ARMS, CONTACT
+from trocar.view.timeline import (
     AXIS_PX,
     FAILED,
-    FOUND,
     INK,
     NAMES_PX,
     PAPER,
-    POINTS,
     ROW_PX,
     STRIP_PX,
     WIDTH_PX,
     WINDOW_S,
     ErrorStrip,
-    Joints,
     LiveTimeLine,
     TimeLine,
-    with_outlines,
 )
-from trocar.view.stage import ARMS, CONTACT
 
 REPLAY = made_up_replay(12.0)
 TICK = 650
-
-
-def joints(*kinds):
-    return Joints.of(replace(REPLAY, joints={"psm1": {k: REPLAY.joints["psm1"][k] for k in kinds}}), "psm1")
-
-
-def test_the_table_has_every_joint_in_its_unit_with_its_error():
-    table = Joints.of(REPLAY, "psm1").table(TICK).splitlines()
-    assert table[0] == "| joint | desired | commanded | measured | true | true - desired |"
-    assert len(table) == 2 + 7
-    true, asked = (REPLAY.joints["psm1"][kind][TICK] for kind in ("true", "desired"))
-    for k, (row, name) in enumerate(zip(table[2:], JOINTS, strict=True)):
-        scale, unit = (1e3, "mm") if name == "insertion" else (180 / np.pi, "deg")
-        cells = [cell.strip() for cell in row.strip("|").split("|")]
-        assert cells[0] == f"{name.replace('_', ' ')}, {unit}"
-        assert float(cells[1]) == pytest.approx(scale * asked[k], abs=0.051)
-        assert float(cells[-1].strip("*")) == pytest.approx(scale * (true - asked)[k], abs=0.0051)
-
-
-def test_what_there_is_is_compared_under_the_names_that_there_are():
-    one, two = joints("true"), joints("commanded", "measured")
-    assert one.table(0).splitlines()[0] == "| joint | true |"
-    assert two.table(0).splitlines()[0] == "| joint | commanded | measured | measured - commanded |"
-    assert Joints.of(replace(REPLAY, joints={}), "psm1") is None
-    assert "joint 1, deg" in Joints.of(replace(REPLAY, joint_names={}), "psm1").table(0)
-
-
-def test_curves_are_errors_in_degrees_about_now():
-    seconds, commanded, measured, true = Joints.of(REPLAY, "psm1").errors_near(TICK, 4)
-    assert_allclose(seconds[[0, -1]], [-WINDOW_S, WINDOW_S], atol=0.06)
-    assert len(seconds) <= 2 * POINTS
-    assert_allclose(np.degrees(0.002), commanded)
-    assert_allclose(np.degrees(0.001), measured)
-    assert_allclose(true, -np.degrees(0.01) * np.sin(0.8 * (6.5 + seconds)), atol=1e-9)
-    first = Joints.of(REPLAY, "psm1").errors_near(0, 0)[0]
-    assert_allclose(first[[0, -1]], [0, WINDOW_S], atol=0.06)  # none before the trial
-
-
-def test_arrays_of_another_shape_are_told():
-    with pytest.raises(TrocarError, match=r"the true joints of 'psm1' have shape \(3, 7\); give \(1201, 7\)"):
-        Joints.of(replace(REPLAY, joints={"psm1": {"true": np.zeros((3, 7))}}), "psm1")
-
-
 SPANS = (("left", "move", 0.0, 4.0), ("left", "grasp", 4.0, 5.0), ("right", "wait", 10.0, 40.0))
 LINE = TimeLine(SPANS, 0.0, 40.0)
 
@@ -193,22 +144,3 @@ def test_a_live_line_without_steps_is_no_picture():
     line.clear()
     line.show(2.0, [])
     assert not line._picture.visible and "no step" in line._now.content
-
-
-def test_an_outline_is_drawn_where_it_is_and_one_behind_the_camera_is_not():
-    grey = np.full((200, 400, 3), 90, np.uint8)
-    square = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 60.0], [20.0, 60.0]])
-    drawn = with_outlines(grey, {"a": square, "behind": np.full((4, 2), np.nan)})
-    for x, y in ((20, 40), (40, 20), (40, 60)):
-        assert (drawn[y, x] == FOUND).all()
-    assert (drawn[40, 40] == 90).all() and (grey == 90).all()
-    assert (with_outlines(grey, {"behind": np.full((4, 2), np.nan)}) == 90).all()
-
-
-def test_a_small_image_is_enlarged_with_what_is_drawn_and_a_name_stays_in_it():
-    grey = np.full((80, 100, 3), 90, np.uint8)
-    drawn = with_outlines(grey, {"needle": np.array([[60.0, 20.0], [90.0, 20.0], [90.0, 60.0], [60.0, 60.0]])})
-    assert drawn.shape == (320, 400, 3)
-    assert (drawn[160, 362] == FOUND).all() and (drawn[160, 300] == 90).all()
-    named = (drawn == FOUND).all(-1)
-    assert named[:, :230].any() and not named[:, 380:].any()
