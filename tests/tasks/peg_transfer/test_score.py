@@ -424,6 +424,16 @@ def test_a_block_must_have_been_in_the_jaws_of_both_arms_where_it_is_to_be_hande
     assert score_transfers(GOALS, alone, says_done)[0].succeeded, "elsewhere one arm will do"
 
 
+def test_to_be_touched_by_the_other_arm_on_the_way_is_no_handover():
+    truth = handed(Film().show(1.0).move(SOURCE, SOURCE, TARGET), "psm1")
+    rows = np.flatnonzero(truth.held[:, SOURCE])
+    truth.held_by["psm2"][rows[len(rows) // 2], SOURCE] = True
+    assert score_transfers(GOALS, truth, [], handover=True)[0].failure == TransferOutcome.NOT_HANDED_OVER.name
+    truth.held_by["psm1"][rows[len(rows) // 2 :], SOURCE] = False
+    truth.held_by["psm2"][rows[len(rows) // 2 :], SOURCE] = True
+    assert score_transfers(GOALS, truth, [], handover=True)[0].succeeded
+
+
 def test_to_be_touched_by_the_other_arm_before_or_after_is_no_handover():
     film = Film().show(1.0).move(SOURCE, SOURCE, TARGET)
     truth = handed(film, "psm1")

@@ -189,9 +189,11 @@ def _retreated(block: int, released: int, truth: PegTruth) -> int:
 
 
 def _handed_over(before: Stay, after: Stay, truth: PegTruth) -> bool:
-    """Return whether two arms held a block on its way, one after the other or together."""
+    """Return whether another arm held a block at the end of its way than at its beginning: a touch is no handover."""
     way = slice(before.last, after.first + 1)
-    return sum(bool(held[way, before.block].any()) for held in truth.held_by.values()) >= 2
+    rows = {arm: np.flatnonzero(held[way, before.block]) for arm, held in truth.held_by.items()}
+    rows = {arm: held for arm, held in rows.items() if len(held)}
+    return len(rows) >= 2 and min(rows, key=lambda arm: rows[arm][0]) != max(rows, key=lambda arm: rows[arm][-1])
 
 
 def _why(moved: bool, placed: bool, at_source: Sequence[Stay], truth: PegTruth) -> tuple[str, str]:

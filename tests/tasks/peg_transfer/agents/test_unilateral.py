@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trio
 from numpy.testing import assert_allclose
 
 from simulated import T_WORLD_BASE, ideal_laboratory, standing
@@ -203,13 +204,50 @@ def test_a_block_that_cannot_be_lowered_as_it_was_seen_is_lowered_as_it_was_plan
     assert score.succeeded
 
 
+class Jaws:
+    """Jaws of an arm without a cell, that stop somewhere when they close."""
+
+    def __init__(self, stop_rad, hands_over=False):
+        self.settings, self.hands_over, self.after_release = SETTINGS, hands_over, None
+        self.hand = self
+        self.motions = SimpleNamespace(held=lambda T_tip_block: "a block")
+        self.coordinator = SimpleNamespace(carry=lambda arm, what: carried.append(what))
+        self.name, self.stop_rad, self.jaw_rad, self.asked = "psm1", stop_rad, 0.4, []
+        carried = self.carried = []
+
+    holds = PegArm.holds
+
+    async def jaw(self, angle_rad):
+        self.asked.append(angle_rad)
+        self.jaw_rad = max(angle_rad, self.stop_rad)
+
+
 @pytest.mark.parametrize(
     ("jaw_rad", "held"), [(0.0, False), (0.12, False), (0.17, True), (0.302, True), (SETTINGS.release_rad, False)]
 )
-def test_jaws_hold_what_is_as_thick_as_a_wall(jaw_rad, held):
-    """The thickest wall of a served cell was read as .302; jaws that are open hold nothing."""
-    arm = SimpleNamespace(settings=SETTINGS, hand=SimpleNamespace(jaw_rad=jaw_rad))
-    assert PegArm.holds.fget(arm) is held
+def test_jaws_have_gripped_what_is_as_thick_as_a_wall(jaw_rad, held):
+    """The thickest wall of a served cell was read as .302; jaws that stay open were blocked by something else."""
+    arm = Jaws(jaw_rad)
+    assert trio.run(PegArm.grip, arm, None) is held
+    assert arm.carried == ["a block" if held else None]
+
+
+def test_a_block_that_slides_to_a_corner_is_still_held():
+    arm = Jaws(0.29)
+    assert trio.run(PegArm.grip, arm, None)
+    arm.jaw_rad = 0.33
+    assert arm.holds
+
+
+@pytest.mark.parametrize(
+    ("hands_over", "held_rad", "open_rad"),
+    [(False, 0.1, SETTINGS.release_rad), (False, 0.3, SETTINGS.jaw_open_rad), (True, 0.3, 0.44), (True, 0.33, 0.46)],
+)
+def test_thick_walls_that_were_taken_from_the_other_arm_are_released_as_thin_ones_are(hands_over, held_rad, open_rad):
+    arm = Jaws(held_rad, hands_over)
+    arm.jaw_rad = held_rad
+    trio.run(PegArm.open, arm)
+    assert arm.asked == [pytest.approx(open_rad)] and arm.carried == [None]
 
 
 def test_an_arm_that_is_blocked_over_its_target_keeps_its_block_and_tries_again(monkeypatch):

@@ -39,7 +39,7 @@ class Settings:
     # wall; of 217 with more than .33, 3. Jaws that close further than ``jaw_empty_rad`` hold nothing, or a block by too
     # little: on a wall they stall at .17 to .30, and what they held at .12 was lost on the way.
     jaw_open_rad: float = 0.40  # widest opening round the wall of a block, against the clearance in its hole
-    release_rad: float = 0.32  # least opening there, and with which an arm leaves a block that the other also holds
+    release_rad: float = 0.32  # least opening there
     taking_rad: float = 0.36  # opening of jaws that approach a block in the other arm's jaws
     jaw_closed_rad: float = -0.17  # target that lets the drive press
     jaw_empty_rad: float = 0.15

@@ -228,6 +228,6 @@ class Side:
         held_rad = giver.hand.jaw_rad if held_rad is None else held_rad
         gives, takes = (
             Partner(arm.model, arm.motions.T_world_base, arm.motions.T_world_base_registered, open_rad, held_rad)
-            for arm, open_rad in ((giver, self.settings.release_rad), (receiver, self.settings.taking_rad))
+            for arm, open_rad in ((giver, self.settings.jaw_open_rad), (receiver, self.settings.taking_rad))
         )
         return HandoverGeometry(gives, takes, self.table.T_world_board, self.table.block, self.settings)
