@@ -47,7 +47,8 @@ def rich_table(
 
     table = Table(title=title, caption=caption or None)
     for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number < text else "right", no_wrap=" " not in column)
+        word = number < text
+        table.add_column(column, justify="left" if word else "right", no_wrap=not word and " " not in column)
     for row in rows:
         if row:
             table.add_row(*row)

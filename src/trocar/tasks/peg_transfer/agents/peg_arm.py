@@ -89,8 +89,8 @@ class PegArm:
 
     @property
     def holds(self) -> bool:
-        """Return whether something is between jaws that have closed on it; a wall that slides there opens them."""
-        return self.hand.jaw_rad > self.settings.jaw_empty_rad
+        """Return whether the jaws' motor stalled on something as thick as a block's wall."""
+        return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
 
     def learn_offset(self, off_m: NDArray[np.float64]) -> None:
         """Learn from a block in these jaws that was seen (2,) off where it was expected, in the board's axes."""
@@ -191,9 +191,8 @@ class PegArm:
     async def grip(self, T_tip_block: SE3) -> bool:
         """Close the jaws; return whether they hold something: a block, which is expected there."""
         await self.hand.jaw(self.settings.jaw_closed_rad)
-        gripped = self.holds and self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
-        self.coordinator.carry(self.name, self.motions.held(T_tip_block) if gripped else None)
-        return gripped
+        self.coordinator.carry(self.name, self.motions.held(T_tip_block) if self.holds else None)
+        return self.holds
 
     async def open(self, jaw_rad: float | None = None) -> None:
         """Open the jaws; None: just far enough to release what they hold, since a peg may be beside a finger."""
