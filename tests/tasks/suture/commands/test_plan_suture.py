@@ -304,7 +304,7 @@ def test_the_command_has_at_most_twenty_options():
 
 @pytest.mark.slow
 def test_the_planner_takes_as_long_as_a_warm_one_and_the_command_about_a_second():
-    """The time that is printed is not that of imports: a first call takes 42 to 140 ms, a warm one 5, or 24 if held up."""
+    """The time that is printed is not that of imports: a first call takes 42 to 140 ms, a warm one 5, held up 24."""
     line = [sys.executable, "-m", "trocar", "plan", "suture", "--json"]
     started = time.perf_counter()
     found = [json.loads(subprocess.run(line, capture_output=True, check=True).stdout) for _ in range(3)]
