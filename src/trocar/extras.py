@@ -18,4 +18,4 @@ EXTRAS = {
 
 def how_to_install(extra: str) -> str:
     """Return the command that installs an extra; the package is not on an index yet."""
-    return f"install the extra, in a clone of the project: pip install '.[{extra}]'"
+    return f"install the extra, in a clone of the project: pip install -e '.[{extra}]'"

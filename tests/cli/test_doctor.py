@@ -44,4 +44,4 @@ def test_a_missing_extra_comes_with_its_remedy(trocar, monkeypatch):
 def test_commands_that_need_a_missing_extra_say_the_same(trocar, monkeypatch, tmp_path):
     without(monkeypatch, "mujoco")
     code, _, err = trocar("run", "peg-transfer", "--out", tmp_path / "run")
-    assert code == 2 and "pip install '.[sim]'" in err and not (tmp_path / "run").exists()
+    assert code == 2 and "pip install -e '.[sim]'" in err and not (tmp_path / "run").exists()

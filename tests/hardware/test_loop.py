@@ -309,7 +309,8 @@ class InParts(EchoArm):
 @pytest.mark.parametrize("stop", [None, Stop(("a",), MotionEnd.HELD, Reason(7)), EmergencyStop("now")])
 def test_motions_wait_for_an_arm_that_takes_set_points_in_parts_and_nothing_is_left_to_come_when_it_stops(stop):
     bench = Bench(names=("a", "b"))
-    bench.arms["a"] = part = InParts()
+    part = InParts()
+    bench.arms["a"] = FaultyArm(part, "", 8)
     bench.loop = HardwareLoop(dict.fromkeys("ab", DrivenArm(ARM, PAPER)), bench.connect, LoopSettings())
     bench.say(Start(1, {"a": there(), "b": there()}))
     began = bench.loop._ticks

@@ -303,7 +303,7 @@ def test_a_server_is_closed_when_a_replay_does_not_fit_together(tmp_path):
 
 def test_without_viser_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(TrocarError, match=r"pip install '\.\[view\]'"):
+    with pytest.raises(TrocarError, match=r"pip install -e '\.\[view\]'"):
         write_replay(made_up_replay(0.2), tmp_path / "replay.html")
 
 

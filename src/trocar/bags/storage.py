@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Generator, Mapping
 from contextlib import closing
@@ -33,7 +34,7 @@ Raw = tuple[Connection, int, bytes]
 """A message as it was recorded: of which connection, when in ns since 1970, and its bytes."""
 
 
-class Storage:
+class Storage(ABC):
     """One file, as rosbags' readers use it; it is open only while something is read from it.
 
     Attributes:
@@ -47,19 +48,19 @@ class Storage:
         self.connections: list[Connection] = []
         self.metadata = _metadata(0, 0, 0)
 
+    @abstractmethod
     def open(self) -> None:
         """Read what topics there are."""
-        raise NotImplementedError
 
     def close(self) -> None:
         """Forget them."""
         self.connections = []
 
+    @abstractmethod
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Generator[Raw, None, None]:
         """Yield all messages of these connections in the order in which they were recorded."""
-        raise NotImplementedError
 
     def _add(self, number: int, topic: str, kind: str, count: int, encoding: str, qos: str) -> None:
         ext = ConnectionExtRosbag2(encoding, parse_qos(qos))

@@ -125,9 +125,9 @@ def _box(corners_m: np.ndarray | None) -> str:
 
 
 def _tell(event: Mapping[str, object]) -> None:
-    told = {key: value for key, value in event.items() if key in ("arm", "wish", "goal", "outcome", "reason", "fault")}
-    said = ", ".join(f"{key} {value}" for key, value in told.items())
-    beside().print(f"{event['time_s']:.1f} s: {event['name']}: {said}", soft_wrap=True, markup=False, highlight=False)
+    said = ", ".join(f"{key} {value}" for key, value in event.items() if key not in ("name", "time_s", "traceback"))
+    what = f"{event['name']}: {said}" if said else event["name"]
+    beside().print(f"{event['time_s']:.1f} s: {what}", soft_wrap=True, markup=False, highlight=False)
 
 
 def _tally(goals: int, noun: str) -> int | None:

@@ -7,9 +7,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, Unpack
 
-from trocar.crtk.bus import KEPT_UNREAD, Bus, Client, Endpoint, Publisher, Subscriber
+from trocar.crtk.bus import KEPT_UNREAD, Bus, Client, Endpoint, Keeping, Publisher, Subscriber
 from trocar.lab.topics import LOOPBACK
 
 ANYBODY = "*"
@@ -71,17 +71,9 @@ class AccessBus:
         self._noted: set[tuple[Any, ...]] = set()
         self.refused: Counter[str] = Counter()
 
-    def publisher(
-        self,
-        topic: str,
-        kind: type[Message],
-        *,
-        latched: bool = False,
-        kept_s: float | None = None,
-        kept: int | None = None,
-    ) -> Publisher[Message]:
+    def publisher(self, topic: str, kind: type[Message], **keeping: Unpack[Keeping]) -> Publisher[Message]:
         """Return a publisher of a topic."""
-        return self._bus.publisher(topic, kind, latched=latched, kept_s=kept_s, kept=kept)
+        return self._bus.publisher(topic, kind, **keeping)
 
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.crtk.bus import Bus, Subscriber, open_bus, stamped
+from trocar.crtk.bus import Bus, Keeping, Subscriber, open_bus, stamped
 from trocar.crtk.dialect import (
     as_positions,
     held_topic,
@@ -89,9 +89,9 @@ class CrtkArm:
         self._jaw_measured = bus.subscriber(f"{jaw}/measured_js", JointState)
         self._jaw_setpoint = bus.subscriber(f"{jaw}/{held}", JointState)
         command = "servo_jr" if raven else self._command.value
-        kept = None if raven else 1  # of increments each counts, of positions only the newest
-        self._out = bus.publisher(f"{topic}/{command}", JointState, kept=kept)
-        self._jaw_out = None if raven else bus.publisher(f"{jaw}/{command}", JointState, kept=kept)
+        keeping: Keeping = {} if raven else {"kept": 1}  # of increments each counts, of positions only the newest
+        self._out = bus.publisher(f"{topic}/{command}", JointState, **keeping)
+        self._jaw_out = None if raven else bus.publisher(f"{jaw}/{command}", JointState, **keeping)
         self._others = _commands(bus, topic, jaw, topics)
         self._sent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         self._last, self._jaw_last = np.full(6, np.nan), np.nan  # where the arm has been sent

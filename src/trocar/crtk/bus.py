@@ -6,7 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypedDict, TypeVar, Unpack
 
 from trocar.errors import NotInstalled
 from trocar.lab.topics import Topics
@@ -57,27 +57,25 @@ class Endpoint:
     client: Client
 
 
+class Keeping(TypedDict, total=False):
+    """What a publisher keeps for readers.
+
+    Attributes:
+        latched: late readers get the last message.
+        kept_s: but not if it is older than this (ROS 1: never).
+        kept: so many messages, the newest, wait for a reader that is slow or away; else as many as is usual.
+    """
+
+    latched: bool
+    kept_s: float | None
+    kept: int | None
+
+
 class Bus(Protocol):
     """A participant in the topics of a robot."""
 
-    def publisher(
-        self,
-        topic: str,
-        kind: type[Message],
-        *,
-        latched: bool = False,
-        kept_s: float | None = None,
-        kept: int | None = None,
-    ) -> Publisher[Message]:
-        """Return a publisher of a topic such as ``/PSM1/servo_jp``.
-
-        Args:
-            topic: its name.
-            kind: of its messages.
-            latched: late readers get the last message.
-            kept_s: but not if it is older than this (ROS 1: never).
-            kept: so many messages, the newest, wait for a reader that is slow or away; None: as many as is usual.
-        """
+    def publisher(self, topic: str, kind: type[Message], **keeping: Unpack[Keeping]) -> Publisher[Message]:
+        """Return a publisher of a topic such as ``/PSM1/servo_jp``, whose messages are of this kind."""
         ...
 
     def subscriber(

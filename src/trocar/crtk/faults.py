@@ -8,9 +8,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from typing import Any, TypeVar, Unpack
 
-from trocar.crtk.bus import KEPT_UNREAD, Bus, Client, Endpoint, Publisher, Subscriber
+from trocar.crtk.bus import KEPT_UNREAD, Bus, Client, Endpoint, Keeping, Publisher, Subscriber
 from trocar.crtk.fault_kinds import KINDS, Change, Place, Value
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.lab.station import Station
@@ -98,22 +98,13 @@ class FaultyBus:
         self._start_s = clock()
         self._begins: list[tuple[float, _Faulty[Any]]] = []
 
-    def publisher(
-        self,
-        topic: str,
-        kind: type[Message],
-        *,
-        latched: bool = False,
-        kept_s: float | None = None,
-        kept: int | None = None,
-    ) -> Publisher[Message]:
+    def publisher(self, topic: str, kind: type[Message], **keeping: Unpack[Keeping]) -> Publisher[Message]:
         """Return a publisher of a topic, with the faults of its arm."""
-        how: Any = {"latched": latched, "kept_s": kept_s, "kept": kept}
-        topic = self._swapped(topic)
+        topic, latched = self._swapped(topic), keeping.get("latched", False)
         arm, what = self.arm_of(topic)
         faults = [fault for fault in self._faults if fault.arm == arm]
         if arm is None or not faults or "header" not in {one.name for one in fields(kind)}:  # type: ignore[arg-type]
-            return self._bus.publisher(topic, kind, **how)
+            return self._bus.publisher(topic, kind, **keeping)
         sent_as, planted = kind, []
         for fault in faults:
             known = KINDS[fault.kind]
@@ -122,7 +113,7 @@ class FaultyBus:
                 sent_as, change = known.kinds[kind]
             planted.append(_Planted(fault, change, None if latched else known.delay_s))
         copies = 2 if any(fault.kind == "twice" for fault in faults) else 1
-        publishers = [self._bus.publisher(topic, sent_as, **how) for _ in range(copies)]
+        publishers = [self._bus.publisher(topic, sent_as, **keeping) for _ in range(copies)]
         faulty = _Faulty(publishers, planted, self._now_s)
         if latched:  # what is published once is published again when a fault begins
             self._begins += [(fault.at_s, faulty) for fault in faults if fault.at_s]

@@ -9,10 +9,10 @@ from collections import deque
 from collections.abc import Hashable
 from dataclasses import fields, is_dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, Unpack
 from urllib.parse import urlsplit
 
-from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Publisher, Subscriber
+from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Keeping, Publisher, Subscriber
 from trocar.crtk.messages import Time, ros_name
 from trocar.errors import InvalidInput
 from trocar.lab.topics import Topics
@@ -55,18 +55,10 @@ class Ros1Bus:
     def __init__(self, topics: Topics):
         _node(topics.interface, topics.master)
 
-    def publisher(
-        self,
-        topic: str,
-        kind: type[Message],
-        *,
-        latched: bool = False,
-        kept_s: float | None = None,
-        kept: int | None = None,
-    ) -> Publisher[Message]:
+    def publisher(self, topic: str, kind: type[Message], **keeping: Unpack[Keeping]) -> Publisher[Message]:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; see ``Bus``."""
-        latched = latched and kept_s is None
-        waiting = kept or KEPT_UNREAD
+        latched = keeping.get("latched", False) and keeping.get("kept_s") is None
+        waiting = keeping.get("kept") or KEPT_UNREAD
         return _Publisher(rospy.Publisher(topic, _class(kind), queue_size=waiting, latch=latched, tcp_nodelay=True))
 
     def subscriber(

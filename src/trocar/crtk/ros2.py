@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Hashable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, Unpack
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
@@ -17,7 +17,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Publisher, Subscriber
+from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Keeping, Publisher, Subscriber
 from trocar.crtk.messages import CameraInfo, Image
 from trocar.crtk.ros2_graph import Graph
 from trocar.errors import InvalidInput
@@ -52,17 +52,9 @@ class Ros2Bus:
         domain = int(os.environ.get("ROS_DOMAIN_ID", "0")) if topics.domain is None else topics.domain
         self._participant, self._graph = _participant(topics.interface, topics.peers, domain)
 
-    def publisher(
-        self,
-        topic: str,
-        kind: type[Message],
-        *,
-        latched: bool = False,
-        kept_s: float | None = None,
-        kept: int | None = None,
-    ) -> Publisher[Message]:
+    def publisher(self, topic: str, kind: type[Message], **keeping: Unpack[Keeping]) -> Publisher[Message]:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; see ``Bus``."""
-        quality = _quality(latched, kept or KEPT)
+        quality, kept_s = _quality(keeping.get("latched", False), keeping.get("kept") or KEPT), keeping.get("kept_s")
         if kept_s is not None:
             quality += Qos(Policy.Lifespan(duration(seconds=kept_s)))
         return _Writer(DataWriter(self._participant, self._topic(topic, kind), qos=quality))

@@ -270,10 +270,14 @@ class HardwareLoop:
         if age_s > self.settings.stale_s:
             self._fault(name, Fault.STALE, f"for {age_s:.3f} s, more than {self.settings.stale_s:g} s")
             return None
-        off = np.abs(np.array(self._sent[name]) - q).min(axis=0) - self._arms[name].following(self.settings)
-        if (off > 0).any() and name not in self._faults:
-            joint = self._arms[name].model.joints[int(np.argmax(off))]
-            self._fault(name, Fault.FOLLOWING, f"joint {joint.name!r} reads {q[int(np.argmax(off))]:.4f} {joint.unit}")
+        off = np.abs(np.array(self._sent[name]) - q).min(axis=0)
+        most = self._arms[name].following(self.settings)
+        if (off > most).any() and name not in self._faults:
+            worst = int(np.argmax(off - most))
+            joint = self._arms[name].model.joints[worst]
+            lately = f"{off[worst]:.4f} off all that it was sent in the last {self.settings.lag_s:g} s"
+            reads = f"joint {joint.name!r} reads {q[worst]:.4f} {joint.unit}"
+            self._fault(name, Fault.FOLLOWING, f"{reads}, {lately}, more than {most[worst]:g}")
         return JointReading(self._ticks * self.settings.tick_s - age_s, q, jaw_rad)
 
     def _stop(self, arms: Iterable[str], ended: MotionEnd, reason: TrocarError | str) -> None:

@@ -44,6 +44,11 @@ class FaultyArm:
     def _now(self, plant: str) -> bool:
         return self._plant == plant and self._count >= self._after
 
+    @property
+    def behind(self) -> bool:
+        """Return whether the arm has not passed on all of its set-point yet."""
+        return bool(getattr(self._arm, "behind", False))
+
     def commanded(self) -> tuple[NDArray[np.float64], float]:
         """Return what the arm holds."""
         return self._arm.commanded()

@@ -203,7 +203,7 @@ main()
 
 @pytest.mark.parametrize(
     "options, code, words",
-    [("--demonstrations synthetic --out out", 0, "synthetic"), ("--view", 2, "pip install '.[view]'")],
+    [("--demonstrations synthetic --out out", 0, "synthetic"), ("--view", 2, "pip install -e '.[view]'")],
 )
 def test_no_extra_is_needed_but_for_the_browser(tmp_path, options, code, words):
     line = [sys.executable, "-c", WITHOUT_EXTRAS, "plan", "suture", *options.split()]
@@ -304,9 +304,12 @@ def test_the_command_has_at_most_twenty_options():
 
 @pytest.mark.slow
 def test_the_planner_takes_as_long_as_a_warm_one_and_the_command_about_a_second():
-    """The time that is printed is not that of imports: a first call takes 42 to 140 ms, a warm one 5, held up 24."""
+    """The time that is printed is not that of imports: of the first call it would be five times as long."""
     line = [sys.executable, "-m", "trocar", "plan", "suture", "--json"]
-    started = time.perf_counter()
-    found = [json.loads(subprocess.run(line, capture_output=True, check=True).stdout) for _ in range(3)]
-    assert (time.perf_counter() - started) / 3 < 3.0
-    assert min(one["compute_ms"] for one in found) < 35.0
+    compute_ms, took_s = [], []
+    while len(took_s) < 3 or (min(compute_ms) >= 15.0 and len(took_s) < 10):  # a busy machine holds single ones up
+        started = time.perf_counter()
+        compute_ms.append(json.loads(subprocess.run(line, capture_output=True, check=True).stdout)["compute_ms"])
+        took_s.append(time.perf_counter() - started)
+    assert sum(took_s) / len(took_s) < 3.0
+    assert min(compute_ms) < 15.0
