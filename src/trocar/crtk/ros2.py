@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
+import atexit
 import os
+import threading
 import time
 from collections.abc import Callable, Hashable
 from functools import cache
 from typing import Any, TypeVar, Unpack
 
-from cyclonedds.core import Policy, Qos
+from cyclonedds.core import Entity, Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.internal import InvalidSample
 from cyclonedds.pub import DataWriter
@@ -25,6 +26,8 @@ from trocar.lab.topics import Topics
 
 KEPT = 10
 """Messages that a writer keeps for a slow reader (ROS 2's default)."""
+LEAVE_S = 2.0
+"""How long the end of a process waits until others have been told."""
 FAST_DDS = "1.15"
 """Vendor whose descriptions of types Cyclone cannot read (measured with rclpy of ROS 2 Kilted)."""
 BUFFER = 1 << 23
@@ -91,15 +94,25 @@ def _participant(interface: str, peers: tuple[str, ...], domain: int) -> tuple[A
     hosts = "".join(f'<Peer address="{host}"/>' for host in (interface, *peers))
     text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS, buffer=BUFFER)
     try:
-        # Kept beyond the interpreter's end: a domain ends with its object, and Cyclone 11.0.1 was once seen to wait for
-        # ever when it ends one, after all had been said and saved. The process's end ends it, too.
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(Domain(domain, text)))
+        configured = Domain(domain, text)
         participant = DomainParticipant(domain)
+        atexit.register(_leave, participant, configured)
         return participant, Graph(participant)
     except Exception as error:
         problem = f"cannot be used ({error})"
         remedy = "give the address of one, the same everywhere in a process"
         raise InvalidInput(f"network interface {interface!r} in domain {domain}", problem, remedy) from None
+
+
+def _leave(participant: Any, _domain: Any) -> None:
+    """Tell others that this process leaves; the end of the process then ends what is left, its domain too.
+
+    Cyclone 11.0.1 was seen to wait for ever when it deleted a domain, and once a reader, at the interpreter's end.
+    """
+    leaving = threading.Thread(target=participant._delete, args=(participant._ref,), daemon=True)
+    leaving.start()
+    leaving.join(LEAVE_S)
+    Entity._entities.clear()  # an object that is not listed there deletes nothing when it ends
 
 
 class _Writer(Publisher[Message]):
