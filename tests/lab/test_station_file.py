@@ -15,6 +15,7 @@ from trocar.lab import (
     read_station,
     station_text,
 )
+from trocar.motion import rest_to_rest
 from trocar.perception.image import Intrinsics, StereoRig
 
 PEGS = station_text("peg-transfer")
@@ -49,6 +50,17 @@ def test_what_the_peg_station_says():
     assert np.degrees(np.arccos(-axis[2])) == pytest.approx(33.0)
     onto_table = camera.T_world_camera.translation_m - axis * camera.T_world_camera.translation_m[2] / axis[2]
     assert np.abs(onto_table).max() < 1e-6, "it looks at the middle of the board"
+
+
+def test_an_arm_that_is_slowed_takes_the_same_path_later():
+    arms = read_station(changed('limits = "paper"', 'limits = "paper"\nspeed = 0.2')).arms
+    slow, usual = arms["psm1"].limits, MOTION_LIMITS["paper"]
+    assert arms["psm2"].limits is usual
+    way = np.array([0.3, -0.1, 0.02, 1.0, 0.5, -0.5])
+    slowly, fast = rest_to_rest(np.zeros(6), way, slow), rest_to_rest(np.zeros(6), way, usual)
+    assert slowly.duration_s == pytest.approx(5 * fast.duration_s)
+    times_s = np.linspace(0, fast.duration_s, 50)
+    assert np.allclose(slowly(5 * times_s), fast(times_s), atol=1e-9)
 
 
 def test_what_the_raven_station_says():
@@ -104,6 +116,7 @@ def test_a_file_of_ones_own_is_read(tmp_path):
         ('name = "peg-transfer"', 'name = "x"\ncolour = "red"', "unknown key 'colour'; known are name"),
         ('model = "psm-classic"', 'model = "psm-future"', r"arms\.psm1\.model: arm 'psm-future' is unknown; choose"),
         ('transmission = "psm1_grey"', 'transmission = "ropes"', "'ropes' is unknown; choose one of psm1_grey"),
+        ('limits = "paper"', 'limits = "paper"\nspeed = 2', "speed is 2; it should be less than or equal to 1"),
         ('limits = "paper"', 'limits = "none"', "choose one of model, paper, dvrk"),
         ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [133.2, 0.0]", r"is \[133.2, 0.0\]; .* at least 3 items"),
         ("xyz_mm = [133.2, 0.0, 166.0]", "xyz_mm = [1e9, 0.0, 1.0]", "it should be less than or equal to 5000"),

@@ -91,6 +91,13 @@ class MotionLimits:
                 raise InvalidInput("motion limits", f"must be above 0, got {name} {value.tolist()}")
             object.__setattr__(self, name, value)
 
+    def slowed(self, share: float) -> MotionLimits:
+        """Return the limits with which the same paths take 1 / share times as long, share in (0, 1]."""
+        if share == 1.0:
+            return self
+        jerk = None if self.jerk is None else share**3 * self.jerk
+        return MotionLimits(share * self.velocity, share**2 * self.acceleration, jerk)
+
 
 class Branch(NamedTuple):
     """One of the eight solutions of the inverse kinematics, by the signs of cos q6, cos q5 and sin(q2 + offset)."""

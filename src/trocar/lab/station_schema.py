@@ -153,6 +153,7 @@ class ArmTable(Table):
     model: str
     transmission: str
     limits: str = MODEL_LIMITS
+    speed: Annotated[float, Field(ge=0.01, le=1)] = 1.0
     base: PoseTable = Field(default_factory=PoseTable)
     park: ParkTable = Field(default_factory=ParkTable)
     workspace_mm: Corners | None = None
@@ -183,11 +184,12 @@ class ArmTable(Table):
     def made(self) -> StationArm:
         """Return the arm."""
         model = ARMS[self.model]
+        limits = model.motion_limits if self.limits == MODEL_LIMITS else MOTION_LIMITS[self.limits]
         return StationArm(
             model=model,
             transmission=TRANSMISSIONS[self.transmission],
             transmission_name=self.transmission,
-            limits=model.motion_limits if self.limits == MODEL_LIMITS else MOTION_LIMITS[self.limits],
+            limits=limits.slowed(self.speed),
             T_world_base=self.base.T,
             park=self.park.park,
             park_jaw_rad=math.radians(self.park.jaw_deg),
