@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from trocar.arms import MOTION_LIMITS, ik
+from trocar.arms import ik
 from trocar.cell import Outcome
 from trocar.errors import TrocarError
 from trocar.eval import TASKS, AgentContext, Method, Score, Task, TaskReport, option, stopped
@@ -114,7 +114,7 @@ class Toucher:
 
     def __init__(self, context: AgentContext):
         self.context, self.settings = context, context.settings
-        self.hand = ArmScript(context.cell, context.arms[0], MOTION_LIMITS["paper"], settle_s=0.05)
+        self.hand = ArmScript(context.cell, context.arms[0], settle_s=0.05)
 
     async def run(self) -> None:
         """Touch them."""

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from mujoco import mjtGeom
 
-from trocar.arms import MOTION_LIMITS, ik
+from trocar.arms import ik
 from trocar.eval import TASKS, Method, Score, Task
 from trocar.geometry import SE3
 from trocar.motion import straight
@@ -52,8 +52,8 @@ class Toucher:
     """The agent: above each dot where the drawing has it, straight down, and up again."""
 
     def __init__(self, context):
-        self.context, limits = context, MOTION_LIMITS["paper"]
-        self.hand = ArmScript(context.cell, context.arms[0], limits, settle_s=0.05)
+        self.context = context
+        self.hand = ArmScript(context.cell, context.arms[0], settle_s=0.05)
 
     async def run(self):
         T_base_world = self.context.cell.T_world_base_registered[self.hand.name].inverse()

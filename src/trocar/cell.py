@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel
+from trocar.arms import ArmModel, MotionLimits
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.log import Result
@@ -245,6 +245,7 @@ class Cell:
         robot: the arms' drive.
         cameras: by name.
         arms: model of each arm by name.
+        limits: of velocity and acceleration that each arm keeps here; no motion has to be planned any faster.
         T_world_base_registered: each arm's base as registration found it.
         T_world_camera_registered: each camera's pose as registration found it (of a stereo pair: the left eye's).
         T_world_fixture: what is fixed on the table by name, where it nominally is; perception refines it.
@@ -257,6 +258,7 @@ class Cell:
     robot: Robot
     cameras: Mapping[str, Camera]
     arms: Mapping[str, ArmModel]
+    limits: Mapping[str, MotionLimits]
     T_world_base_registered: Mapping[str, SE3]
     T_world_camera_registered: Mapping[str, SE3]
     T_world_fixture: Mapping[str, SE3]

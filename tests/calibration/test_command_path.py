@@ -54,7 +54,7 @@ class Driven:
 
     def request(self, desired, **changes):
         asked = {"q_start": self.q_cmd, "velocity_start": self.velocity, "lower": LOWER, "upper": UPPER}
-        return CommandRequest(memory=self.memory, desired=desired, limits=PAPER, **{**asked, **changes})
+        return CommandRequest(memory=self.memory, desired=desired, **{"limits": PAPER, **asked, **changes})
 
     def path(self, desired, **changes):
         return command_paths({"arm": self.request(desired, **changes)})["arm"]
@@ -343,6 +343,18 @@ def test_a_slow_path_is_followed_all_along(play):
     assert path.deviation[3:].max() < 0.015
     joints = np.array([path.joints_at(t) for t in np.linspace(0.0, 2.5, 40)])
     assert np.sqrt(np.mean((joints - path.desired(np.linspace(0.0, 2.5, 40)))[:, 3:] ** 2)) < 3e-3
+
+
+@pytest.mark.parametrize("slower", [1.5, 4.0])
+def test_a_motion_that_was_planned_too_fast_is_slowed_down_and_not_cut(play, slower):
+    """There and back: at its end it is where it began, so that only its middle tells that limits were broken."""
+    driven, there = Driven(play), HOME + [0.3, -0.2, 0.02, 0.4, 0.2, -0.2]
+    limits = PAPER.slowed(1 / slower)
+    plan = rest_to_rest(HOME, there, PAPER).then(rest_to_rest(there, HOME, PAPER))
+    usual, slowed = driven.path(plan), driven.path(plan, limits=limits)
+    assert_within_limits(slowed, driven.request(plan, limits=limits))
+    assert usual.stretch < 1.2 and slowed.stretch == pytest.approx(slower, rel=0.2)
+    assert (slowed.deviation <= np.maximum(1.1 * usual.deviation, 2e-3)).all()
 
 
 @pytest.mark.parametrize("name", ["ridge", "offset"])

@@ -256,9 +256,9 @@ def test_what_can_be_braked_in_no_time_rests():
 
 
 def stretch(desired, q_start, velocity=RESTING, limits=PAPER):
-    """Return the least stretch of a motion of joints that are their commands."""
+    """Return the least stretch of the way of joints that are their commands."""
     exact = OffsetModel(np.zeros(6), TRAINING)
-    return sketched(request(desired, exact, q_start, velocity, limits=limits)).min_stretch()
+    return sketched(request(desired, exact, q_start, velocity, limits=limits)).way_stretch()
 
 
 @pytest.mark.parametrize("joint", [1, 2, 4])

@@ -30,9 +30,9 @@ class Desk:
         guard = Guarded(self.arms.driver, {"a": ArmGuard(ARM, PAPER)})
         self.log = CellLog(self.arms.now_s)
         base = {"a": SE3.identity()}
-        self.cell = Cell(guard, {}, {"a": ARM}, base, {}, {}, SimClock(self.arms.now_s), self.log)
+        self.cell = Cell(guard, {}, {"a": ARM}, LIMITS, base, {}, {}, SimClock(self.arms.now_s), self.log)
         self.console = Console(level, noun="goal", hear=self._said, stopped=stopped)
-        self.robot = self.arms.robot = self.console.supervise(self.cell, LIMITS)
+        self.robot = self.arms.robot = self.console.supervise(self.cell)
         self.arms.each_tick += [guard.check, self.console._listen]
 
     def monotonic(self):

@@ -30,7 +30,7 @@ class Beside:
     def __init__(self, laboratory, plan, level=Level.AUTONOMOUS):
         self.plan, self.began_s, self.told = plan, time.monotonic(), []
         self.console = Console(level, hear=self._hear, show=self._show, paced=False)
-        laboratory.wrap_robot(lambda cell: self.console.supervise(cell, LIMITS))
+        laboratory.wrap_robot(self.console.supervise)
 
     def _hear(self):
         due = [say for at_s, say in self.plan if time.monotonic() - self.began_s >= at_s]

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from simulated import ideal_laboratory, standing
-from trocar.arms import MOTION_LIMITS
 from trocar.calibration.excitation import EXERCISE_RAD
 from trocar.cli.task_group import TaskGroup
 from trocar.errors import InvalidInput, TrocarError
@@ -306,11 +305,10 @@ def test_a_file_of_ones_own_adds_methods_and_perceptions(tmp_path):
 
 def test_a_script_waits_moves_and_computes_and_all_of_it_is_noted():
     lab = ideal_laboratory(standing(0))
-    limits = MOTION_LIMITS["paper"]
     seen = {}
 
     async def script(cell):
-        hand = ArmScript(cell, "psm1", limits, settle_s=0.07)
+        hand = ArmScript(cell, "psm1", settle_s=0.07)
         home = hand.q
         assert np.array_equal(home, cell.robot.setpoint("psm1").q) and hand.model is cell.arms["psm1"]
         execution = await hand.go(home + 0.05)
@@ -336,7 +334,7 @@ def test_waking_swings_the_wrist_both_ways_and_ends_where_it_began():
     lab = ideal_laboratory(standing(0))
 
     async def script(cell):
-        await ArmScript(cell, "psm1", MOTION_LIMITS["paper"], settle_s=0.0).exercise_wrist()
+        await ArmScript(cell, "psm1", settle_s=0.0).exercise_wrist()
 
     assert lab.run(script, 30.0)
     q = lab.recorder.joints("commanded")["psm1"][:, :6]
@@ -372,7 +370,7 @@ def test_jaws_are_counted_from_where_they_are_closed(off_rad, stuck_rad, zero_ra
 
     async def script(cell):
         robot = OffRobot(cell.robot, off_rad, stuck_rad)
-        hand = ArmScript(replace(cell, robot=robot), "psm1", MOTION_LIMITS["paper"], settle_s=0.0)
+        hand = ArmScript(replace(cell, robot=robot), "psm1", settle_s=0.0)
         await hand.zero_jaw(-0.17)
         seen["zero"] = hand.jaw_zero_rad
         robot.stuck_rad = None
@@ -387,4 +385,4 @@ def test_jaws_are_counted_from_where_they_are_closed(off_rad, stuck_rad, zero_ra
 def test_a_script_for_an_arm_that_is_not_there_is_refused():
     lab = ideal_laboratory(standing(0))
     with pytest.raises(TrocarError, match=r"arm 'psm9' is unknown; .*choose one of psm1, psm2"):
-        ArmScript(lab.cell, "psm9", MOTION_LIMITS["paper"], 0.0)
+        ArmScript(lab.cell, "psm9", 0.0)

@@ -30,7 +30,7 @@ class Two:
     def __init__(self):
         self.lab = ideal_laboratory(standing(0))
         self.coordinator = Coordinator(self.lab.cell, tuple(AWAY_M), MARGINS)
-        self.hands = {name: ArmScript(self.lab.cell, name, LIMITS, 0.0) for name in AWAY_M}
+        self.hands = {name: ArmScript(self.lab.cell, name, 0.0) for name in AWAY_M}
 
     def motion(self, name, p_world_m):
         return rest_to_rest(self.hands[name].q, joints_at(name, p_world_m), LIMITS)

@@ -36,6 +36,8 @@ ENDS_WEIGHT = 10.0
 its middle, because the jaws are near objects there."""
 END_WEIGHT_S = 1000.0  # weight of an error at the very end: that of the same error lasting this long
 CORRECTIONS = 2  # corrections of the last command, tried where refinement stalls short of the end
+TOO_FAST = 1.02
+"""Commands of a motion that is faster than the limits by less than this fall behind by little, and catch up."""
 NEARLY_MET = 1e-3  # a motion that ends further from its goal than this (rad of the wrist) usually lacks time
 STRETCHES = (1.0, 1.05, 1.15, 1.3)  # factors tried in turn on the least time for the path to the last command
 LAST_STEP_S = 0.3
@@ -129,7 +131,15 @@ class InitialCommands:
         return np.column_stack([np.interp(shares, self.shares, column) for column in rows.T])
 
     def min_stretch(self) -> float:
-        """Return the least factor by which to slow down, for the way to the last command to keep the accelerations."""
+        """Return the least factor by which to slow down, for the motion and for the way to the last command."""
+        desired, limits = self.request.desired, self.request.limits
+        times = np.linspace(0.0, desired.duration_s, int(np.ceil(desired.duration_s / KNOT_S[0])) + 1)
+        speed, push = (np.abs(desired(times, order)) for order in (1, 2))
+        motion = max(float(np.max(speed / limits.velocity)), float(np.sqrt(np.max(push / limits.acceleration))))
+        return max(motion if motion > TOO_FAST else 1.0, self.way_stretch())
+
+    def way_stretch(self) -> float:
+        """Return the least factor for the way to the last command alone to keep the accelerations."""
         request, knots = self.request, knots_of(self.request.desired)
         spare = 1.0 - 2.0 * HEADROOM
         limits = MotionLimits(spare * request.limits.velocity, spare * request.limits.acceleration)

@@ -11,7 +11,7 @@ from typing import Any
 import trio
 from trio.testing import wait_all_tasks_blocked
 
-from trocar.arms import MotionLimits, fk
+from trocar.arms import fk
 from trocar.cell import Cell
 from trocar.console.hand import Hand
 from trocar.console.question import Question
@@ -67,7 +67,6 @@ class Console:
         self.cell: Cell | None = None
         self.hands: dict[str, Hand] = {}
         self.latencies_s: list[float] = []
-        self._limits: Mapping[str, MotionLimits] = {}
         self._robot: Supervised | None = None
         self._question: Question | None = None
         self._asked, self._goal_begins, self._works = 0, True, False
@@ -77,9 +76,9 @@ class Console:
         self._changed, self._done = trio.Event(), trio.Event()
         self._steps, self._due_s = 0, math.nan
 
-    def supervise(self, cell: Cell, limits: Mapping[str, MotionLimits]) -> Supervised:
+    def supervise(self, cell: Cell) -> Supervised:
         """Return the robot of a cell with the person beside it; only its guard may have wrapped it already."""
-        self._robot, self._limits = Supervised(cell.robot, self), limits
+        self._robot = Supervised(cell.robot, self)
         self.cell = cell
         return self._robot
 
@@ -192,7 +191,7 @@ class Console:
         await cell.robot.rest(arm)
         robot.lend(arm)
         jaw_rad = robot.jaws_rad.get(arm)
-        hand = self.hands[arm] = Hand(cell, arm, self._limits[arm], jaw_rad)
+        hand = self.hands[arm] = Hand(cell, arm, jaw_rad)
         cell.log.event("taken over", arm=arm)
         try:
             while not await self._brought_back(cell, hand):
@@ -234,7 +233,7 @@ class Console:
             arms: names.
         """
         self._works = True
-        self.hands = {arm: Hand(cell, arm, self._limits[arm]) for arm in arms}
+        self.hands = {arm: Hand(cell, arm) for arm in arms}
         try:
             async with trio.open_nursery() as nursery:
                 for hand in self.hands.values():

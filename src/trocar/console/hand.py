@@ -7,7 +7,7 @@ import time
 import numpy as np
 import trio
 
-from trocar.arms import MotionLimits, fk, ik
+from trocar.arms import fk, ik
 from trocar.cell import Cell
 from trocar.errors import AlreadyThere, OutOfReach
 from trocar.geometry import SE3, SO3
@@ -37,7 +37,6 @@ class Hand:
     Args:
         cell: the cell.
         arm: name.
-        limits: of the arm.
         jaw_rad: to which opening the jaws were driven last; None: as they are.
 
     Attributes:
@@ -46,8 +45,8 @@ class Hand:
         path_q: the joints where the arm was, since it was taken.
     """
 
-    def __init__(self, cell: Cell, arm: str, limits: MotionLimits, jaw_rad: float | None = None):
-        self._cell, self.arm, self._limits = cell, arm, limits
+    def __init__(self, cell: Cell, arm: str, jaw_rad: float | None = None):
+        self._cell, self.arm = cell, arm
         self._control: Control | None = None
         self._began: tuple[Held, SE3] | None = None
         self._input: tuple[Held, float, str] | None = None  # where it is, when it said so, who
@@ -85,7 +84,7 @@ class Hand:
             return
         if self._began is None:
             self._began = held, self.tip
-            self._control = Control(self._cell, (self.arm,), {self.arm: self._limits}, ABSOLUTE, RATE_HZ)
+            self._control = Control(self._cell, (self.arm,), ABSOLUTE, RATE_HZ)
         self._input, self._new = (held, at_s, source), True
 
     def release(self, source: str | None = None) -> None:

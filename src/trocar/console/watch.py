@@ -110,7 +110,6 @@ class Watch:
         solids = painted(self._sight.scenery.solids, task_report(config.task).colours)
         scenery = replace(self._sight.scenery, solids=solids)
         simulated = laboratory if isinstance(laboratory, SimLaboratory) else None
-        limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
         console = Console(
             self.console.level,
             self.console.speed,
@@ -123,7 +122,7 @@ class Watch:
         )
         console.latencies_s = self.latencies_s
         self.console, self._scene = console, scenery
-        laboratory.wrap_robot(lambda cell: console.supervise(cell, limits))
+        laboratory.wrap_robot(console.supervise)
         seated = {**laboratory.cell.assistants, SEAT: console}
         laboratory.cell = replace(laboratory.cell, assistants=seated)
         if self._page is None and self._port is not None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from trocar.arms import MotionLimits
 from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.objects import Objects
@@ -43,7 +42,6 @@ class AgentContext:
         perception: turns images into poses; None if the task has none.
         rng: its own stream of randomness.
         settings: of its method.
-        limits: within which the guard lets each arm move.
         objects: makes what a policy sees of the task's objects; None: it sees nothing of them.
     """
 
@@ -55,7 +53,6 @@ class AgentContext:
     perception: Any
     rng: np.random.Generator
     settings: Any
-    limits: Mapping[str, MotionLimits] = field(default_factory=dict)
     objects: Callable[[], Objects] | None = None
 
 

@@ -134,7 +134,6 @@ def context_of(config: RunConfig, cell: Cell, rng: np.random.Generator, settings
         perception=pick_perception(type(task), config.perception) if config.perception else None,
         rng=rng,
         settings=settings,
-        limits={name: arm.limits for name, arm in config.laboratory.arms.items()},
         objects=objects_of(task, cell),
     )
 
@@ -143,8 +142,7 @@ def compensated(
     config: RunConfig, models: Mapping[str, CableModel], priors: Mapping[str, FleetPrior], cell: Cell
 ) -> Compensated:
     """Return a cell's robot with its cables compensated; it learns if there are priors."""
-    limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
-    wrapped = cell.robot, cell.arms, models, limits, cell.clock, cell.log
+    wrapped = cell.robot, cell.arms, models, cell.limits, cell.clock, cell.log
     if priors:
         return Adaptive(*wrapped, priors=priors)
     return Compensated(*wrapped, stop_at_limits=config.chosen_method.stop_at_limits)

@@ -112,6 +112,7 @@ class HardwareLaboratory:
             robot=self._guard,
             cameras=cameras or {},
             arms=station.models,
+            limits=station.limits,
             T_world_base_registered=bases,
             T_world_camera_registered={name: registered(station.cameras[name]) for name in cameras or {}},
             T_world_fixture=station.T_world_fixture,

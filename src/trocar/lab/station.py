@@ -282,6 +282,11 @@ class Station:
         return box
 
     @property
+    def limits(self) -> dict[str, MotionLimits]:
+        """Return the arms' limits by name."""
+        return {name: arm.limits for name, arm in self.arms.items()}
+
+    @property
     def models(self) -> dict[str, ArmModel]:
         """Return the arms' models by name."""
         return {name: arm.model for name, arm in self.arms.items()}

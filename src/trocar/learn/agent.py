@@ -37,7 +37,7 @@ class PolicyAgent:
     def __init__(self, context: AgentContext):
         self._cell, self._settings = context.cell, context.settings
         settings: PolicySettings = context.settings
-        self._control = Control(context.cell, context.arms, context.limits, settings.action, settings.rate_hz)
+        self._control = Control(context.cell, context.arms, settings.action, settings.rate_hz)
         parts = [part.strip() for part in settings.observation.split(",")]
         self._observation = Observation(context.cell, self._control, parts, context.objects)
         self._policy = load_policy(settings.policy, settings.policy_digest, settings.timeout_s)

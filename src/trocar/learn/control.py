@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import trio
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms import MotionLimits, fk, ik
+from trocar.arms import fk, ik
 from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput, InvalidValue, MotionRefused, OutOfReach, UnknownName
 from trocar.geometry import SE3, SO3
@@ -56,7 +56,6 @@ class Control:
         cell: the cell. If its robot compensates the cables, actions are what the joints are to do; else what the
             encoders are to read.
         arms: names of those that work, in order.
-        limits: of each of them.
         action: what an action means: one of ``ACTIONS``.
         rate_hz: actions a second.
 
@@ -66,14 +65,12 @@ class Control:
         high: their greatest ones.
     """
 
-    def __init__(
-        self, cell: Cell, arms: Sequence[str], limits: Mapping[str, MotionLimits], action: str, rate_hz: float = 30.0
-    ):
+    def __init__(self, cell: Cell, arms: Sequence[str], action: str, rate_hz: float = 30.0):
         if action not in ACTIONS:
             raise UnknownName("action", action, ACTIONS)
         if not 1.0 <= rate_hz <= 1 / TICK_S:
             raise InvalidValue("the rate of actions", f"{rate_hz} Hz", f"give 1 to {1 / TICK_S:.0f}")
-        self._cell, self.arms, self._limits, self._kind, self._rate_hz = cell, tuple(arms), limits, action, rate_hz
+        self._cell, self.arms, self._kind, self._rate_hz = cell, tuple(arms), action, rate_hz
         self.names = _action_names(self.arms, action, cell)
         bounds = [_bounds(cell, arm, action, rate_hz) for arm in self.arms]
         self.low, self.high = (np.hstack(side) for side in zip(*bounds, strict=True))
@@ -152,7 +149,7 @@ class Control:
                 nursery.start_soon(self._follow, arm, part[:-1], answer)
 
     async def _follow(self, arm: str, part: NDArray[np.float64], answer: Answer) -> None:
-        model, limits, now = self._cell.arms[arm], self._limits[arm], self._cell.robot.setpoint(arm)
+        model, limits, now = self._cell.arms[arm], self._cell.limits[arm], self._cell.robot.setpoint(arm)
         before, period_s = self._goals[arm], self._lasts_s
         try:
             goal = np.clip(self._goal(arm, part), model.lower, model.upper)

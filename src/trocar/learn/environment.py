@@ -211,9 +211,8 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         self._laboratory: SimLaboratory = StagedTrial(config, prepared, index).laboratory
         if prepared.models:
             self._laboratory.wrap_robot(lambda cell: compensated(config, prepared.models, prepared.priors, cell))
-        limits = {name: arm.limits for name, arm in config.laboratory.arms.items()}
         cell = self._laboratory.cell
-        self._control = Control(cell, config.arms, limits, self._action, self._rate_hz)
+        self._control = Control(cell, config.arms, self._action, self._rate_hz)
         parts = [part for part in self._observed if part != PRIVILEGED]
         self._observation = Observation(cell, self._control, parts, objects_of(config.task, cell))
         self._where, self._scenery, self._draw = (session, index), None, None

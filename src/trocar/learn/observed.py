@@ -77,7 +77,7 @@ class Observed:
     def __init__(self, agent: Agent, context: AgentContext):
         self._agent, self._cell = agent, context.cell
         parts = (STATE, OBJECTS) if context.objects is not None else (STATE,)
-        self._control = Control(context.cell, context.arms, context.limits, ABSOLUTE)
+        self._control = Control(context.cell, context.arms, ABSOLUTE)
         self._observation = Observation(context.cell, self._control, parts, context.objects)
 
     async def run(self) -> None:

@@ -59,12 +59,12 @@ class Replay:
     """Moves to where the commands begin, then plays them, slower where the arms' limits ask for it."""
 
     def __init__(self, context: AgentContext):
-        self.cell, self.source, self.limits = context.cell, context.settings, context.limits
+        self.cell, self.source = context.cell, context.settings
         self.recorded = read_episode(self.source.data, self.source.episode)
 
     async def run(self) -> None:
         """Replay the episode."""
-        cell, limits = self.cell, self.limits
+        cell, limits = self.cell, self.cell.limits
         rows = {arm: self._joints(arm, values) for arm, values in self.recorded.actions.items()}
         times_s = _times(rows, self.recorded.fps, {arm: limits[arm].velocity for arm in rows})
         await self._done(

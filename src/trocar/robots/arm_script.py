@@ -26,15 +26,15 @@ class ArmScript:
     Attributes:
         cell: the laboratory.
         name: of the arm.
-        limits: of velocity and acceleration if only start and end of a motion are given.
         settle_s: rest after a motion before the jaws act.
+        limits_share: of the arm's limits that a motion uses of which only start and end are given.
         jaw_zero_rad: the encoder reading of closed jaws; see :meth:`zero_jaw`.
     """
 
     cell: Cell
     name: str
-    limits: MotionLimits
     settle_s: float
+    limits_share: float = 1.0
     jaw_zero_rad: float = 0.0
 
     def __post_init__(self) -> None:
@@ -45,6 +45,12 @@ class ArmScript:
     def model(self) -> ArmModel:
         """Return the arm's model."""
         return self.cell.arms[self.name]
+
+    @property
+    def limits(self) -> MotionLimits:
+        """Return the limits of velocity and acceleration if only start and end of a motion are given."""
+        limits, share = self.cell.limits[self.name], self.limits_share
+        return limits if share == 1.0 else MotionLimits(share * limits.velocity, share * limits.acceleration)
 
     @property
     def q(self) -> NDArray[np.float64]:

@@ -113,6 +113,7 @@ class SimLaboratory:
             robot=self._guard,
             cameras=self.cameras,
             arms=station.models,
+            limits=station.limits,
             T_world_base_registered=session.T_world_base_registered,
             T_world_camera_registered=session.T_world_camera_registered,
             T_world_fixture=station.T_world_fixture,

@@ -33,12 +33,12 @@ async def check_robot(
         arm: its name.
         span: share of each joint's range, towards its middle, by which the arm moves.
         tolerance: how far from the command the encoders may read at rest, as a share of a joint's range.
-        limits: of the motions; None: those of the arm's model.
+        limits: of the motions; None: those that the arm keeps in its cell.
 
     Raises:
         CheckFailed: the robot does something that it must not; the sentence says what.
     """
-    check = _RobotCheck(cell, arm, span, tolerance, limits or cell.arms[arm].motion_limits)
+    check = _RobotCheck(cell, arm, span, tolerance, limits or cell.limits[arm])
     await check.moves_and_tells()
     await check.refuses_what_does_not_start_here()
     await check.is_not_hurried_by_a_busy_script()

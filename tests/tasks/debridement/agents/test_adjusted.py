@@ -79,6 +79,7 @@ def adjusted(estimator=Held):
     cell = SimpleNamespace(
         robot=robot,
         arms={"left": ARM},
+        limits={"left": ARM.motion_limits},
         T_world_base_registered={"left": LEFT.T_world_base},
         clock=SimpleNamespace(now_s=lambda: 1.0),
     )

@@ -234,7 +234,8 @@ PARKED = {name: arm.park_q() for name, arm in STATION.arms.items()}
 def problems(course=None):
     """Problems of the station's arms, which rest where they are parked; or the right one is on a course."""
     cell = SimpleNamespace(
-        arms={name: arm.model for name, arm in STATION.arms.items()},
+        arms=STATION.models,
+        limits=STATION.limits,
         T_world_base_registered={name: arm.T_world_base for name, arm in STATION.arms.items()},
         T_world_camera_registered={"stereo": STATION.cameras["stereo"].T_world_camera},
         T_world_fixture=STATION.T_world_fixture,

@@ -76,7 +76,7 @@ class Adjusted:
     """
 
     def __init__(self, cell: Cell, estimator: Callable[[ArmModel], PoseEstimator]):
-        self._robot, self._arms, self._clock = cell.robot, cell.arms, cell.clock
+        self._robot, self._arms, self._limits, self._clock = cell.robot, cell.arms, cell.limits, cell.clock
         self._T_world_base = cell.T_world_base_registered
         self._estimators = {name: estimator(model) for name, model in cell.arms.items()}
         self._seen_s: dict[str, float] = {}
@@ -200,7 +200,7 @@ class Adjusted:
             return
         try:
             model, until_s, estimate = self._arms[arm], self._foreseen(arm, left.stop_s), self._estimators[arm].estimate
-            left.commands = corrected(model, left.desired, left.commands, estimate, model.motion_limits, until_s)
+            left.commands = corrected(model, left.desired, left.commands, estimate, self._limits[arm], until_s)
             course.successor = self._courses[arm] = left
             left.result = (await self._robot.replace({arm: left.commands}))[arm]
         except MotionRefused:  # exceeds the limits: the current motion goes on

@@ -123,7 +123,7 @@ class MotionProblems:
 
     def _motion(self, name: str, goal: TipGoal) -> ArmMotion:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
-        q, share, most = self.robot.setpoint(name).q, self.settings.limits_share, model.motion_limits
+        q, share, most = self.robot.setpoint(name).q, self.settings.limits_share, self.cell.limits[name]
         limits = MotionLimits(share * most.velocity, share * most.acceleration)
         through = () if goal.T_world_through is None else (goal.T_world_through,)
         T_world_goals = SE3.unchecked(np.stack([T.matrix for T in (*through, goal.T_world_tip)]))

@@ -173,7 +173,7 @@ class RavenArm:
             q = self.robot.setpoint(self.name).q
             try:
                 goal_q = ik(self.model, T_base_world @ goal, reference=q)
-                return await self.runner.run(self.name, rest_to_rest(q, goal_q, self.model.motion_limits))
+                return await self.runner.run(self.name, rest_to_rest(q, goal_q, self.cell.limits[self.name]))
             except (NoMotion, OutOfReach):
                 continue
 

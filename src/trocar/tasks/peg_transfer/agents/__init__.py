@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.eval import Agent, AgentContext
 from trocar.registry import Lazy
 from trocar.robots.coordinator import Margins
@@ -49,7 +48,6 @@ class Settings:
     clear_height_m: float = 27e-3  # over the plate when it travels empty; the pegs are 20 mm tall
     lift_m: float = 26e-3  # how far a held block is raised: its lower face clears the pegs
     drop_m: float = 2e-3  # height of a block's lower face over the plate when it is released
-    limits: MotionLimits = field(default_factory=lambda: MOTION_LIMITS["paper"])  # of velocity and acceleration
 
     # Looking, learning and trying again. Wrist joints that keep still while the tip goes straight down or up keep the
     # errors of their cables; else the tool does not turn. In a handover, blocks are lifted and placed like that only by

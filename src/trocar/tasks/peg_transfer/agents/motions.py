@@ -80,7 +80,7 @@ class Motions:
 
     def __init__(self, context: AgentContext, hand: ArmScript, table: Table):
         self._robot, self.T_world_base_registered = context.cell.robot, context.cell.T_world_base_registered[hand.name]
-        self._name, self._model, self._table = hand.name, hand.model, table
+        self._name, self._model, self._limits, self._table = hand.name, hand.model, hand.limits, table
         self._log, self._settings, self._planner = context.cell.log, context.settings, context.planner
         hands_over = context.nominal.variant == "handover"
         places_still = context.settings.looks_before_placing or not hands_over
@@ -109,8 +109,8 @@ class Motions:
     def through(self, points: Sequence[Joints], fixed_wrist: bool | None = None) -> TimedPath:
         """Return a motion through these joints; ``fixed_wrist`` is as in the settings if it is None."""
         still = self._settings.fixed_wrist if fixed_wrist is None else fixed_wrist
-        up, limits = self.T_base_board.matrix[:3, 2], self._settings.limits
-        plan = plan_through(self._model, np.array(points), limits, up=up, fixed_wrist=still, planner=self._planner)
+        up, planner = self.T_base_board.matrix[:3, 2], self._planner
+        plan = plan_through(self._model, np.array(points), self._limits, up=up, fixed_wrist=still, planner=planner)
         return TimedPath(self.prepared(plan.trajectory), next(iter(plan.waypoint_times_s.values())))
 
     def held(self, T_tip_block: SE3) -> Capsules:
@@ -189,7 +189,7 @@ class Motions:
         if block is None:
             return None
         lifted = self.above(q, float(self.tip(q).translation_m[2]) + self._settings.lift_m)
-        return Departure(rest_to_rest(q, lifted, self._settings.limits), self.held(self.gripped(q, block)))
+        return Departure(rest_to_rest(q, lifted, self._limits), self.held(self.gripped(q, block)))
 
     def carriage(self, q: Joints, T_tip_block: SE3, source: int | None, target: int) -> Carriage | None:
         """Return how to lift a block, travel and lower it; None, with the reason in the log, if no pose is possible.
@@ -216,10 +216,10 @@ class Motions:
         down = self.ik(place)
         points.append(self._over(down, T_tip_block, target, height))
         if settings.looks_before_placing:
-            departure = Departure(rest_to_rest(points[-1], down, settings.limits), self.held(T_tip_block))
+            departure = Departure(rest_to_rest(points[-1], down, self._limits), self.held(T_tip_block))
         else:
             points.append(down)
-            departure = Departure(rest_to_rest(down, self.above(down, settings.clear_height_m), settings.limits))
+            departure = Departure(rest_to_rest(down, self.above(down, settings.clear_height_m), self._limits))
         return Carriage(self.through(points, self._still_when_placing), place @ T_tip_block, departure, beside)
 
     def lowering(self, q: Joints, T_tip_block: SE3, target: int) -> TimedPath:
@@ -259,13 +259,13 @@ class Motions:
     def along(self, q: Joints, line_m: Sequence[float]) -> Trajectory:
         """Return a motion of the tip along a straight line, in the board's axes."""
         line = self.T_base_board.rotation.apply(np.array(line_m))
-        return self.prepared(straight(self._model, q, line, self._settings.limits))
+        return self.prepared(straight(self._model, q, line, self._limits))
 
     def to_joints(self, q: Joints, goal: Joints) -> TimedPath:
         """Return a motion that rises over the pegs and goes to joints (6,)."""
         start, *above = self.risen(q)
         if not above:
-            return TimedPath.joined([self.prepared(rest_to_rest(start, goal, self._settings.limits))])
+            return TimedPath.joined([self.prepared(rest_to_rest(start, goal, self._limits))])
         return self.through([start, *above, goal])
 
     def gripped(self, q: Joints, T_board_block: SE3) -> SE3:

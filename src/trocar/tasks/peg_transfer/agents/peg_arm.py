@@ -68,7 +68,7 @@ class PegArm:
     def __init__(self, context: AgentContext, name: str, table: Table, coordinator: Coordinator):
         self.cell, self.settings, self.goals = context.cell, context.settings, context.goals
         self.table, self.coordinator = table, coordinator
-        self.hand = ArmScript(context.cell, name, context.settings.limits, context.settings.settle_s)
+        self.hand = ArmScript(context.cell, name, context.settings.settle_s)
         self.motions = Motions(context, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.bound_for, self.stopped = self.home, False

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from trocar.arms import MOTION_LIMITS, MotionLimits
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, MotionRefused
 from trocar.eval import AgentContext
@@ -52,11 +51,6 @@ LOAD = "load needle"
 they close."""
 
 
-def _gentle() -> MotionLimits:
-    limits = MOTION_LIMITS["paper"]
-    return MotionLimits(0.5 * limits.velocity, 0.5 * limits.acceleration)
-
-
 @dataclass(frozen=True)
 class Settings:
     """How the agent works; lengths in m, angles in rad, times on the cell's clock in s.
@@ -74,7 +68,7 @@ class Settings:
         jaw_open_rad: opening that clears the wire.
         jaw_closed_rad: target that lets the drive press.
         jaw_empty_rad: jaws that close further than this hold nothing; a wire of .9 mm keeps them open by .09.
-        limits: of velocity and acceleration on the way from suture to suture.
+        limits_share: of the arms' limits of velocity and acceleration, used on the way from suture to suture.
         loadings: how often a person is asked to load the needle, until the jaws hold it as they should.
         images: number per look at the needle; 0: it is driven without looks.
         sighting_budget_s: declared for finding the needle in them.
@@ -92,7 +86,7 @@ class Settings:
     jaw_open_rad: float = JAW_OPEN_RAD
     jaw_closed_rad: float = JAW_CLOSED_RAD
     jaw_empty_rad: float = 0.04
-    limits: MotionLimits = field(default_factory=_gentle)
+    limits_share: float = 0.5
     loadings: int = 3
     images: int = 1
     sighting_budget_s: float = 0.12
@@ -120,7 +114,7 @@ class CircleSuturing:
 
     def __init__(self, context: AgentContext):
         cell, settings = context.cell, context.settings
-        self.hand = ArmScript(cell, context.arms[0], settings.limits, settings.settle_s)
+        self.hand = ArmScript(cell, context.arms[0], settings.settle_s, settings.limits_share)
         self.require_help(cell)
         self.cell, self.log, self.clock, self.settings = cell, cell.log, cell.clock, settings
         self.arm, self.home = self.hand.model, self.hand.q

@@ -44,7 +44,7 @@ class TwoArmSuturing(CircleSuturing):
     def __init__(self, context: AgentContext):
         super().__init__(context)
         cell, settings = self.cell, self.settings
-        hand = ArmScript(cell, context.arms[1], settings.limits, settings.settle_s)
+        hand = ArmScript(cell, context.arms[1], settings.settle_s, settings.limits_share)
         self.puller = Puller(cell, hand, settings)
         if "stand" not in cell.T_world_fixture:
             raise InvalidInput("this cell", "has no fixture 'stand', from which the first needle is taken", "add it")
