@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import trocar
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
-from trocar.lab import load_station
+from trocar.lab import load_station, station_text
 from trocar.lab.flaws import LEVELS, Difficulty
 from trocar.tasks.peg_transfer.agents import Settings
 from trocar.tasks.peg_transfer.goals import GOALS
@@ -193,3 +194,14 @@ def test_the_worst_print_can_still_be_laid_down():
         laid = scene(np.random.default_rng(seed), station)
         blocks = laid.T_world_board.inverse() @ laid.T_world_blocks
         assert pegs_under(blocks, laid.board, laid.block).tolist() == [*range(6)]
+
+
+def test_a_block_arrives_at_a_quarter_of_the_usual_speed_too(tmp_path):
+    """Planned faster than the arm may move, it went astray: compensated commands left its path to keep the limits."""
+    slow = tmp_path / "slow.toml"
+    slow.write_text(station_text("peg-transfer").replace('limits = "paper"', 'limits = "paper"\nspeed = 0.25'))
+    how = {"method": "best", "calibration": "joints", "difficulty": "mild", "transfers": 1, "seed": 11}
+    (trial,) = trocar.run("peg-transfer", station=str(slow), out=tmp_path / "run", **how)
+    assert trial.scores[0]["succeeded"], trial.scores[0]
+    assert max(max(shares) for shares in trial.command_limit_use.values()) <= 1 + 1e-6
+    assert trial.duration_s > 12.0, "as slow as asked"

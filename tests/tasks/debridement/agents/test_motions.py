@@ -228,6 +228,7 @@ def test_arms_that_find_no_plan_together_move_one_after_the_other_in_turn():
 
 
 STATION = load_station("raven-pair")
+STATION = replace(STATION, arms={k: replace(arm, limits=arm.limits.slowed(0.9)) for k, arm in STATION.arms.items()})
 PARKED = {name: arm.park_q() for name, arm in STATION.arms.items()}
 
 
@@ -264,6 +265,8 @@ def test_fixtures_are_in_the_way_unless_an_arm_goes_straight_down_to_a_fragment(
     alone = problems().of({"right": goals["right"]}, 0.0)
     assert "table" in alone.obstacles and set(alone.others) == {"left"}
     assert alone.min_distance_m == best().margin_m and alone.arms["right"].max_tip_m_s == 0.05
+    for name, arm in both.arms.items():
+        np.testing.assert_array_equal(arm.limits.velocity, best().limits_share * STATION.limits[name].velocity)
 
 
 def test_walls_are_higher_for_an_arm_that_carries_something_past_them():
