@@ -109,11 +109,7 @@ def about_motion(what: str, robot: str, station: Station, arms: Container[str]) 
     yield f"{what}, at station {station.name!r}: {kind.about}"
     for name, arm in station.arms.items():
         does = "works" if name in arms else "is held where it is"
-        speeds = ", ".join(
-            f"{joint.name} {speed:.3g} {joint.unit}/s"
-            for joint, speed in zip(arm.model.joints, arm.limits.velocity, strict=True)
-        )
-        yield f"  {name} {does}: {kind.where(station, name)}; at most {speeds}"
+        yield f"  {name} {does}: {kind.where(station, name)}; at most {arm.speeds}"
         yield f"    its tip stays {_box(arm.workspace_m)}"
 
 

@@ -10,7 +10,6 @@ from typer import Option
 from trocar.cli.group import Result
 from trocar.cli.options import Seed, StationName, need
 from trocar.cli.out_folder import require_file
-from trocar.cli.terminal import rich_table
 from trocar.counting import counted
 from trocar.errors import InvalidInput
 from trocar.files.output import make_folder, write_text
@@ -42,12 +41,12 @@ def show(
     if toml:
         return Result({"toml": station_text(station)}, [station_text(station).removesuffix("\n")])
     values = _values(found)
-    arms = [
-        (name, arm.model.name, arm.model.instrument.name, arm.transmission_name, _mm(arm.T_world_base))
-        for name, arm in found.arms.items()
-    ]
-    columns = ("arm", "model", "instrument", "transmission", "base x y z mm")
-    lines: list[Any] = [rich_table(f"{found.name}: {found.about}", columns, arms)]
+    lines = [f"{found.name}: {found.about}"]
+    for name, arm in found.arms.items():
+        lines += [
+            f"arm {name}: {arm.model.name} with {arm.model.instrument.name}, base at {_mm(arm.T_world_base)} mm",
+            f"  cables {arm.transmission_name}; at most {arm.speeds}",
+        ]
     for name, camera in found.cameras.items():
         lines.append(f"camera {name}: {values['cameras'][name]['kind']}, at {_mm(camera.T_world_camera)} mm")
     lines += [f"fixture {name}: at {_mm(T)} mm" for name, T in found.T_world_fixture.items()]

@@ -163,6 +163,12 @@ class StationArm:
     def __repr__(self) -> str:
         return f"<StationArm {self.model.name}, transmission {self.transmission_name!r}, base at {self.T_world_base!r}>"
 
+    @property
+    def speeds(self) -> str:
+        """Return the greatest velocity of each joint as text."""
+        each = zip(self.model.joints, self.limits.velocity, strict=True)
+        return ", ".join(f"{joint.name} {speed:.3g} {joint.unit}/s" for joint, speed in each)
+
     def park_q(self) -> NDArray[np.float64]:
         """Return the joints (6,) in which it rests before a script.
 
