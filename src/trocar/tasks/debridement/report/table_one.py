@@ -69,7 +69,7 @@ def clopper_pearson(count: float, of: int) -> tuple[float, float]:
 PERSON = Column("person, teleoperating", 30, 29.0, failures={"grasp_failures": 5.0})
 TABLE_1 = {
     "one-arm": Column(
-        "robot, one arm",
+        "robot, one arm, 1 cm/s",
         60,
         91.8,
         {"perception": 12.1, "planning": 32.8, "motion": 55.1},
@@ -77,7 +77,7 @@ TABLE_1 = {
         {"fragment_false_negatives": 1.9, "grasp_failures": 3.5, "multiple_grasps": 5.2},
     ),
     "two-arms": Column(
-        "robot, two arms",
+        "robot, two arms, 1 cm/s",
         60,
         60.3,
         {"perception": 10.0, "planning": 36.6, "motion": 45.7, "waiting": 7.7},
