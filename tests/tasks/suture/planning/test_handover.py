@@ -1,6 +1,7 @@
 """Where one arm hands the needle to the other: both reach it, in the taker's own grasp, and neither meets the other."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,22 +29,32 @@ from trocar.tasks.suture.task import CircleSutures
 TASK = CircleSutures(variant="two-arms")
 STATION = TASK.at(load_station(TASK.usual_station))
 FIRST, SECOND = STATION.arms.values()
-PLAN = TASK.plan_with(STATION)
 EYE_M = STATION.cameras["close"].T_world_camera.translation_m
-PAIRS = list(zip(PLAN.pulls, PLAN.handovers, strict=False))
+EACH = pytest.mark.parametrize("number", range(TASK.sutures - 1))
+
+
+@cache
+def plan():
+    return TASK.plan_with(STATION)
+
+
+def pair(number=0):
+    """Return how the needle is pulled out of a suture, and the handovers that may follow."""
+    return plan().pulls[number], plan().handovers[number]
 
 
 def test_there_is_a_handover_between_each_two_sutures_and_alternatives_that_differ():
-    assert len(PLAN.pulls) == len(TASK.goals()) == len(PLAN.handovers) + 1
-    for alternatives in PLAN.handovers:
+    assert len(plan().pulls) == len(TASK.goals()) == len(plan().handovers) + 1
+    for alternatives in plan().handovers:
         turns = [each.T_circle_needle.rotation for each in alternatives]
         for k, one in enumerate(turns):
             for other in turns[:k]:
                 assert np.linalg.norm((one.inverse() @ other).log()) > OTHERWISE_RAD
 
 
-@pytest.mark.parametrize(("pull", "alternatives"), PAIRS, ids=str)
-def test_both_arms_hold_the_needle_in_their_own_grasps(pull, alternatives):
+@EACH
+def test_both_arms_hold_the_needle_in_their_own_grasps(number):
+    pull, alternatives = pair(number)
     giver, taker = pull.grips[-1].setup, TASK.setup
     for each in alternatives:
         for setup, q in ((taker, each.take.q[-1]), (giver, each.part.q[0])):
@@ -52,9 +63,9 @@ def test_both_arms_hold_the_needle_in_their_own_grasps(pull, alternatives):
             np.testing.assert_allclose(T_circle_tip.matrix, wanted.matrix, atol=1e-6)
 
 
-@pytest.mark.parametrize(("pull", "alternatives"), PAIRS, ids=str)
-def test_neither_arm_meets_the_other_and_both_have_room(pull, alternatives):
-    for each in alternatives:
+@EACH
+def test_neither_arm_meets_the_other_and_both_have_room(number):
+    for each in plan().handovers[number]:
         for way in (each.take, each.part):
             assert room_rad(FIRST.model, way.q).min() > ROOM_RAD
         takes = capsules(FIRST.model, each.take.q, JAW_OPEN_RAD).moved(FIRST.T_world_base)
@@ -63,7 +74,7 @@ def test_neither_arm_meets_the_other_and_both_have_room(pull, alternatives):
 
 
 def test_the_camera_sees_the_needles_plane_in_front_of_the_tissue():
-    for each in (one for alternatives in PLAN.handovers for one in alternatives):
+    for each in (one for alternatives in plan().handovers for one in alternatives):
         sight = EYE_M - each.T_circle_needle.translation_m
         facing = abs(each.T_circle_needle.matrix[:3, 2] @ sight) / np.linalg.norm(sight)
         assert facing > FACES
@@ -73,7 +84,7 @@ def test_the_camera_sees_the_needles_plane_in_front_of_the_tissue():
 
 
 def test_a_roll_is_in_the_turn_from_which_the_arm_comes_unless_that_is_out_of_range():
-    pull, (first, *_) = PAIRS[0]
+    pull, (first, *_) = pair()
     setup = pull.grips[-1].setup
     plain = taking(setup, first.T_circle_needle).q
     turn = np.array([0.0, 0.0, 0.0, 2 * np.pi, 0.0, 0.0])
@@ -89,7 +100,7 @@ def doubled(joint):
 
 
 def test_arms_that_never_meet_are_refused_in_a_sentence():
-    pull, start = PLAN.pulls[0], PLAN.handovers[0][0].part.q[0]
+    pull, start = plan().pulls[0], plan().handovers[0][0].part.q[0]
     away = SE3.from_parts(translation_m=[-0.30, 0.45, 0.0]) @ SECOND.T_world_base
     far = Holder(replace(pull.grips[-1].setup, T_world_base=away), start, start)
     with pytest.raises(OutOfReach, match=r"nowhere over the circle .*; place the arms elsewhere"):
@@ -97,7 +108,7 @@ def test_arms_that_never_meet_are_refused_in_a_sentence():
 
 
 def test_handovers_with_the_arms_too_near_to_each_other_are_not_taken(monkeypatch):
-    pull, alternatives = PAIRS[0]
+    pull, alternatives = pair()
     nearest_m = min(each.apart_m for each in alternatives)
     giver = Holder(pull.grips[-1].setup, SECOND.park_q(), out_segments(pull.grips[-1])[-1].q[-1])
     taker, places = Holder(TASK.setup, FIRST.park_q(), FIRST.park_q()), handover_places(TASK.setup, EYE_M)
@@ -109,7 +120,7 @@ def test_handovers_with_the_arms_too_near_to_each_other_are_not_taken(monkeypatc
 
 
 def test_a_grasp_beside_which_open_jaws_meet_the_wire_is_named():
-    pull = PLAN.pulls[0]
+    pull = plan().pulls[0]
     giver = Holder(pull.grips[-1].setup, SECOND.park_q(), out_segments(pull.grips[-1])[-1].q[-1])
     leaning = replace(TASK.setup, grasp=PRESETS["paper-demo"].setup.grasp)
     with pytest.raises(OutOfReach, match=r"open jaws would meet the wire beside their grasp; .*grasp_lean_deg"):
