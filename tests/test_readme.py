@@ -1,6 +1,7 @@
 import json
 import re
 import shlex
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -38,11 +39,15 @@ def test_every_command_and_option_that_a_page_names_exists(page):
     lines = re.findall(r"(?:`|^)(?:\.venv/bin/)?trocar ([^`\n]+)", page.read_text(), re.MULTILINE)
     for line in lines:
         words = line.split("#")[0].split()
-        command = path_of(words)
-        text = CliRunner().invoke(app, [*command, "--help"])
+        text = help_of(*path_of(words))
         assert text.exit_code == 0, line
         for option in (word.split("=")[0] for word in words if word.startswith("--") and word != "--help"):
             assert option in text.output, line
+
+
+@cache
+def help_of(*command):
+    return CliRunner().invoke(app, [*command, "--help"])
 
 
 PARSED = """
