@@ -37,6 +37,7 @@ settings.load_profile("same")
 
 
 LONGEST = (
+    "view/test_console_view",
     *("tasks/suture/commands/test_run_suture", "tasks/peg_transfer/agents/test_learner"),
     *("tasks/peg_transfer/report/test_peg_study", "tasks/peg_transfer/agents/test_faults", "cli/test_run"),
     *("eval/test_run", "test_examples", "tasks/test_truth_barrier", "eval/test_folder", "test_tutorial"),
@@ -44,8 +45,10 @@ LONGEST = (
     *("tasks/debridement/agents/test_faults", "tasks/suture/agents/test_circle", "eval/test_workers"),
     *("tasks/peg_transfer/agents/test_handover", "view/test_replay", "cli/test_collect"),
     *("tasks/test_every_task", "cli/test_bad_input", "calibration/test_lstm_training", "motion/test_sqp"),
+    "view/test_replay_in_browser",
 )
-"""Files that take longest: first, for at the end one of them would keep one core busy, and the others idle."""
+"""Files that take longest: first, for at the end one of them would keep one core busy, and the others idle; the two
+that draw in a browser far apart, for each draws with all cores."""
 
 
 def pytest_collection_modifyitems(items):

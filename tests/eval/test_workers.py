@@ -36,8 +36,9 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(tmp_path, backe
     assert (tmp_path / "killed").is_file()  # a worker was killed, in the middle of the work
     assert sorted(number for _, number in found) == list(range(COUNT))
     assert sorted(unit[1] for unit, _ in found) == list(range(COUNT))
-    ended = (tmp_path / "ended").read_text().split()
-    assert sorted(map(int, ended)) == list(range(COUNT))
+    assert len(list(tmp_path.glob("done_*"))) == COUNT
+    ended = (tmp_path / "ended").read_text().split()  # one that was killed with the first may not have come to say so
+    assert len(ended) == len(set(ended)) >= COUNT - 1
 
 
 def test_results_come_with_their_units_and_from_other_processes(tmp_path):
