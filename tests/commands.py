@@ -1,15 +1,12 @@
+"""Fixtures for tests of commands. What computes is imported where it is used: every process of pytest loads this."""
+
 import gc
 import sys
 import weakref
 
 import pytest
 
-from synthetic import synthetic_trial
 from trocar.cli import main
-from trocar.eval import jobs
-from trocar.eval.prepare import Prepared
-from trocar.eval.trial import Trial
-from trocar.report import files
 
 
 @pytest.fixture
@@ -29,14 +26,17 @@ def trocar(monkeypatch, capsys):
 @pytest.fixture
 def unpictured(monkeypatch):
     """Draw no pictures of runs, and make no replay."""
-    monkeypatch.setattr(files, "_pictures", lambda *rest: ([], None))
-    monkeypatch.setattr(files, "can_photograph", lambda: False)
-    monkeypatch.setattr(files, "find_spec", lambda module: None)
+    monkeypatch.setattr("trocar.report.files._pictures", lambda *rest: ([], None))
+    monkeypatch.setattr("trocar.report.files.can_photograph", lambda: False)
+    monkeypatch.setattr("trocar.report.files.find_spec", lambda module: None)
 
 
 @pytest.fixture
 def played(monkeypatch, unpictured):
     """Replace trials by synthetic ones without pictures; return the list of those that were played."""
+    from synthetic import synthetic_trial
+    from trocar.eval.prepare import Prepared
+
     done = []
 
     def run_trial(config, prepared, index, listener=None, *, raise_errors=False, attendant=None):
@@ -50,14 +50,16 @@ def played(monkeypatch, unpictured):
         (folder / f"session_{number:02d}").mkdir(exist_ok=True)
         return Prepared(number, None, {})
 
-    monkeypatch.setattr(jobs, "prepare", prepare)
-    monkeypatch.setattr(jobs, "run_trial", run_trial)
+    monkeypatch.setattr("trocar.eval.jobs.prepare", prepare)
+    monkeypatch.setattr("trocar.eval.jobs.run_trial", run_trial)
     return done
 
 
 @pytest.fixture
 def alive(monkeypatch):
     """Return the numbers of loaded trials that were still in memory whenever another one was loaded."""
+    from trocar.eval.trial import Trial
+
     read, counts, load = [], [], Trial.load
 
     def watched(path):
