@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trocar.arms import SOLIDS, capsules, fk, ik
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, SO3, TURN, shown
+from trocar.geometry.arrays import Array
 from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.lab.station import Registration, Station, StationArm
 from trocar.perception.image import Intrinsics, StereoRig
@@ -58,9 +59,9 @@ def require_reach(station: Station) -> None:
         raise InvalidInput(f"station {station.name!r}:", wrong[0], "`trocar station check` lists all problems")
 
 
-def _resting(station: Station) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
+def _resting(station: Station) -> tuple[dict[str, Array], list[str]]:
     """Return where each arm rests, and a sentence for each arm that cannot."""
-    resting: dict[str, NDArray[np.float64]] = {}
+    resting: dict[str, Array] = {}
     found: list[str] = []
     for name, arm in station.arms.items():
         try:
@@ -70,7 +71,7 @@ def _resting(station: Station) -> tuple[dict[str, NDArray[np.float64]], list[str
     return resting, found
 
 
-def _solids(arm: StationArm, q: NDArray[np.float64]) -> Capsules:
+def _solids(arm: StationArm, q: Array) -> Capsules:
     return capsules(arm.model, q, arm.park_jaw_rad).moved(arm.T_world_base)
 
 
@@ -82,7 +83,7 @@ def _jaws(name: str, arm: StationArm) -> list[str]:
     return [f"arm {name!r} rests with its jaws open {shown(arm.park_jaw_rad, 'rad', '.0f')}, outside {bounds}"]
 
 
-def _outside(name: str, arm: StationArm, q: NDArray[np.float64]) -> list[str]:
+def _outside(name: str, arm: StationArm, q: Array) -> list[str]:
     found = [
         f"arm {name!r} rests with joint {joint.name!r} at {value:.4f} {joint.unit}, outside "
         f"[{joint.lower:.4f}, {joint.upper:.4f}]"
@@ -145,7 +146,7 @@ def _blind(station: Station, name: str) -> list[str]:
     return []
 
 
-def _in_view(lens: Intrinsics, p_camera_m: NDArray[np.float64]) -> bool:
+def _in_view(lens: Intrinsics, p_camera_m: Array) -> bool:
     x, y, z = p_camera_m
     if z <= 0:
         return False
@@ -153,11 +154,11 @@ def _in_view(lens: Intrinsics, p_camera_m: NDArray[np.float64]) -> bool:
     return 0 <= u < lens.width and 0 <= v < lens.height
 
 
-def _mm(point_m: NDArray[np.float64]) -> str:
+def _mm(point_m: Array) -> str:
     return ", ".join(f"{1e3 * value:.0f}" for value in point_m)
 
 
-def reaches(arm: StationArm, p_world_m: NDArray[np.float64], turns: Sequence[SO3] = STRAIGHT) -> NDArray[np.bool_]:
+def reaches(arm: StationArm, p_world_m: Array, turns: Sequence[SO3] = STRAIGHT) -> NDArray[np.bool_]:
     """Return which points of the world the tip of an arm reaches, (n,).
 
     Args:

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput, UnknownName
+from trocar.geometry.arrays import Array
 from trocar.registry import Registry
 
 RECORDED, MILD, HARSH = "recorded", "mild", "harsh"
@@ -57,7 +57,7 @@ class Flaw:
     source: str
     tasks: tuple[str, ...] = ()
 
-    def values(self, level: str) -> NDArray[np.float64]:
+    def values(self, level: str) -> Array:
         """Return the values at a level of difficulty."""
         if level == MILD:
             return np.array(self.mild)
@@ -68,12 +68,12 @@ class Flaw:
         """Return the size of the recorded values."""
         return self.size(np.array(self.recorded))
 
-    def size(self, values: NDArray[np.float64]) -> float:
+    def size(self, values: Array) -> float:
         """Return the size of such values."""
         size = float(np.sqrt(np.mean(np.square(values))))
         return size if self.unit else size / float(np.sqrt(np.mean(np.square(self.recorded))))
 
-    def sized(self, size: float) -> NDArray[np.float64]:
+    def sized(self, size: float) -> Array:
         """Return the recorded values, scaled to this size."""
         return np.array(self.recorded) * (size / self.recorded_size)
 
@@ -250,11 +250,11 @@ class Difficulty:
             sizes[name] = flaw.parse(size)
         return Difficulty(level, named, sizes)
 
-    def __getitem__(self, flaw: str) -> NDArray[np.float64]:
+    def __getitem__(self, flaw: str) -> Array:
         """Return the values of a flaw in ``FLAWS``."""
         return self.values(FLAWS.pick(flaw))
 
-    def values(self, flaw: Flaw) -> NDArray[np.float64]:
+    def values(self, flaw: Flaw) -> Array:
         """Return the values of a flaw."""
         return flaw.sized(self.sizes[flaw.name]) if flaw.name in self.sizes else flaw.values(self.level)
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, ik
 from trocar.counting import counted
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.geometry.rigid_fit import fit_rigid
 from trocar.lab.flaws import FLAWS, Difficulty
 from trocar.lab.station import CheckerboardRegistration, Registration, Station, StationArm
@@ -115,7 +115,7 @@ def _with_its_sensors(station: Station) -> Station:
 
 def points_of_registration(
     arm: StationArm, transmission: Transmission, how: Registration, difficulty: Difficulty, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return points (n, 3) in the base according to the arm's encoders, and as they are seen.
 
     Errors of the outer joints shift the points, neighbouring ones similarly. The wrist's cables play no role, since
@@ -149,7 +149,7 @@ def points_of_registration(
     return p_base[reached], seen[reached] + np.array(off).reshape(-1, 3)
 
 
-def _tour(points: NDArray[np.float64]) -> list[int]:
+def _tour(points: Array) -> list[int]:
     """Return the indices of points (n, 3), each followed by the nearest remaining one, as anyone would visit them."""
     order, been = [0], np.zeros(len(points))
     for _ in points[1:]:

@@ -6,14 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trocar.arms import ArmModel, MotionLimits, ik, wrist_depth_m
 from trocar.calibration.excitation import MotionBox
 from trocar.checks import require_numbers
 from trocar.errors import InvalidInput, UnknownName
 from trocar.geometry import SE3, SO3, shown
+from trocar.geometry.arrays import Array
 from trocar.lab.flaws import DEFAULT, FLAWS, Difficulty
 from trocar.lab.topics import Topics
 from trocar.lab.transmission import Transmission
@@ -151,9 +149,9 @@ class StationArm:
     transmission_name: str
     limits: MotionLimits
     T_world_base: SE3
-    park: NDArray[np.float64] | None = None
+    park: Array | None = None
     park_jaw_rad: float = 0.1
-    workspace_m: NDArray[np.float64] | None = None
+    workspace_m: Array | None = None
     calibration: MotionBox | None = None
     T_world_base_registered: SE3 | None = None
 
@@ -169,7 +167,7 @@ class StationArm:
         each = zip(self.model.joints, self.limits.velocity, strict=True)
         return ", ".join(f"{joint.name} {speed:.3g} {joint.unit}/s" for joint, speed in each)
 
-    def park_q(self) -> NDArray[np.float64]:
+    def park_q(self) -> Array:
         """Return the joints (6,) in which it rests before a script.
 
         Raises:

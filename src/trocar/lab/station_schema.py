@@ -9,7 +9,6 @@ from difflib import get_close_matches
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -17,6 +16,7 @@ from trocar.arms import ARMS, MOTION_LIMITS
 from trocar.calibration.excitation import PSM1_BOX, PSM2_BOX
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.lab.station import CheckerboardRegistration, Registration, SensorFlaws, Station, StationArm, StationCamera
 from trocar.lab.topics import MAX_DOMAIN, Command, Dialect, Topics
 from trocar.lab.transmission import TRANSMISSIONS
@@ -116,7 +116,7 @@ class PoseTable(Table):
         return SE3.from_parts(turn, TO_M * np.array(self.xyz_mm))
 
 
-def _box_m(corners: Corners | None) -> NDArray[np.float64] | None:
+def _box_m(corners: Corners | None) -> Array | None:
     return None if corners is None else TO_M * np.array(corners, dtype=np.float64)
 
 
@@ -140,7 +140,7 @@ class ParkTable(Table):
         return self
 
     @property
-    def park(self) -> NDArray[np.float64] | None:
+    def park(self) -> Array | None:
         """Return a tip (3,) m, joints (6,), or None."""
         if self.tip_mm is not None:
             return TO_M * np.array(self.tip_mm, dtype=np.float64)

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import MotionLimits
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
 
 def step_towards(
-    goal: NDArray[np.float64],
-    goal_velocity: NDArray[np.float64],
-    q: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    limits: MotionLimits,
-    period_s: float,
+    goal: Array, goal_velocity: Array, q: Array, velocity: Array, limits: MotionLimits, period_s: float
 ) -> Trajectory:
     """Return a motion that follows a goal for a period, as near as the limits allow, and comes to rest after that.
 
@@ -45,14 +40,14 @@ def step_towards(
     return Trajectory(np.array([0.0, period_s, period_s + stop_s]), np.stack([tick, stop], axis=1))
 
 
-def _stopped_after(velocity: NDArray[np.float64], change: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
+def _stopped_after(velocity: Array, change: Array, period_s: float) -> Array:
     """Return how far (joints,) whole periods at speeds v, v - change, v - 2 change ... lead, until they are at rest."""
     steps = np.abs(velocity) / change
     n = np.floor(steps)
     return np.sign(velocity) * change * period_s * (n + 1) * (steps - n / 2)
 
 
-def _speed_over(distance: NDArray[np.float64], change: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
+def _speed_over(distance: Array, change: Array, period_s: float) -> Array:
     """Return the speed (joints,) that is at rest after this distance: the inverse of ``_stopped_after``."""
     share = np.abs(distance) / (change * period_s)
     n = np.floor((np.sqrt(1 + 8 * share) - 1) / 2)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.errors import BadFile, InvalidInput
 from trocar.files.csv_file import TIMES, read_csv
+from trocar.geometry.arrays import Array
 from trocar.motion.analysis import SHORTEST
 
 OFF_GRID = 0.3  # a step may differ from the usual one by this share; if it is a multiple of it, samples are missing
@@ -20,10 +20,10 @@ class JointTable:
     """Signals at even steps."""
 
     names: tuple[str, ...]  # of the columns, without that of times
-    values: NDArray[np.float64]  # (n, k), rad and m; NaN where there is no measurement
+    values: Array  # (n, k), rad and m; NaN where there is no measurement
     step_s: float  # between samples
 
-    def columns(self, names: list[str], path: str | Path) -> NDArray[np.float64]:
+    def columns(self, names: list[str], path: str | Path) -> Array:
         """Return the values (n, len(names)) of these columns; one that the file at this path lacks is refused."""
         missing = [name for name in names if name not in self.names]
         if missing:
@@ -58,9 +58,7 @@ def read_joint_table(path: str | Path, rate_hz: float | None = None) -> JointTab
     return JointTable(kept, *_on_grid(times_s, rows[:, signals], path))
 
 
-def _on_grid(
-    times_s: NDArray[np.float64], values: NDArray[np.float64], path: str | Path
-) -> tuple[NDArray[np.float64], float]:
+def _on_grid(times_s: Array, values: Array, path: str | Path) -> tuple[Array, float]:
     """Return the values at even steps, NaN where a sample is missing, and the step."""
     steps = np.diff(times_s)
     if not np.isfinite(times_s).all() or (steps <= 0).any():

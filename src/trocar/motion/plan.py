@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from math import inf, nan
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.errors import AlreadyThere, InvalidInput, MotionRefused, NoPlan, OutOfReach, TrocarError
-from trocar.geometry.arrays import finite, numbers
+from trocar.geometry.arrays import Array, finite, numbers
 from trocar.motion.check import Violation, check
 from trocar.motion.clearance import Clearance
 from trocar.motion.double_integrator import duration_bound_s
@@ -95,7 +95,7 @@ class MotionPlan:
         return next(iter(trajectories.values()))
 
     @property
-    def waypoint_times_s(self) -> Mapping[str, NDArray[np.float64]]:
+    def waypoint_times_s(self) -> Mapping[str, Array]:
         """Return when each arm passes its waypoints, (n,) each."""
         return {name: path.waypoint_times_s for name, path in self.paths.items()}
 

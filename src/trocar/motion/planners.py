@@ -9,10 +9,9 @@ from functools import reduce
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import finite
+from trocar.geometry.arrays import Array, finite
 from trocar.motion.problem import MotionProblem
 from trocar.registry import Lazy, Registry
 from trocar.trajectory import Trajectory
@@ -28,7 +27,7 @@ class TimedPath:
     """
 
     trajectory: Trajectory
-    waypoint_times_s: NDArray[np.float64]
+    waypoint_times_s: Array
 
     def __post_init__(self) -> None:
         if not isinstance(self.trajectory, Trajectory):

@@ -20,6 +20,7 @@ from trocar.calibration.models.play import PlayModel
 from trocar.calibration.recording import Recording
 from trocar.cell import SetPoint
 from trocar.errors import ArmMoving
+from trocar.geometry.arrays import Array
 from trocar.perception.instrument import Sighting
 from trocar.robots.compensated import Compensated
 
@@ -52,15 +53,15 @@ class Combined(NamedTuple):
     """
 
     recording: Recording
-    sd_rad: NDArray[np.float64]
-    shift_m: NDArray[np.float64]
+    sd_rad: Array
+    shift_m: Array
 
 
 class Knowledge(NamedTuple):
     """What observations reveal about an arm: the cables of its wrist and outer joints, and the shift as above."""
 
     cables: Learned
-    shift_m: NDArray[np.float64]
+    shift_m: Array
 
 
 @dataclass(eq=False)
@@ -74,7 +75,7 @@ class _Past:
         observations: of the instrument.
     """
 
-    commands: list[NDArray[np.float64]]
+    commands: list[Array]
     path: CommandPath | None = None
     until_s: float = 0.0
     observations: list[Observation] = field(default_factory=list)
@@ -115,7 +116,7 @@ class Adaptive(Compensated):
         self._known: dict[str, Knowledge] = {}
         self._pasts = {arm: _Past([self.robot.setpoint(arm).q[None].copy()]) for arm in self.models}
 
-    def moment(self, arm: str) -> tuple[int, NDArray[np.float64]]:
+    def moment(self, arm: str) -> tuple[int, Array]:
         """Return the number of the last command up to now, and the joints (6,) there.
 
         The wrist joints are where the model estimates them, the outer ones where they are commanded: observations are
@@ -147,7 +148,7 @@ class Adaptive(Compensated):
         self._known[arm] = knowledge
         self._take(arm, knowledge.cables.model)
 
-    def spread(self, arm: str) -> NDArray[np.float64] | None:
+    def spread(self, arm: str) -> Array | None:
         """Return the SDs (3,) of the wrist joints about their estimates, rad; None: nothing was learned yet."""
         known, sent = self._known.get(arm), self.robot.setpoint(arm)
         return None if known is None else known.cables.spread(self._memory(arm, sent).state, sent.q)
@@ -193,7 +194,7 @@ class Adaptive(Compensated):
             self._pasts[arm].keep(self._paths.get(arm), self.robot.setpoint(arm))
 
 
-def _thinned(path: NDArray[np.float64]) -> NDArray[np.float64]:
+def _thinned(path: Array) -> Array:
     """Return a path (n, 6) without the points that lie on the straight lines between the others."""
     if len(path) < 3:
         return path
@@ -205,7 +206,7 @@ def _thinned(path: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([_thinned(path[: farthest + 1])[:-1], _thinned(path[farthest:])])
 
 
-def combine(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], observations: Sequence[Observation]) -> Combined:
+def combine(arm: ArmModel, name: str, q_cmd: Array, observations: Sequence[Observation]) -> Combined:
     """Return the recording made of observations.
 
     The shift of the instrument is common to all observations and is found from all of them; then each of them gives its
@@ -227,7 +228,7 @@ def combine(arm: ArmModel, name: str, q_cmd: NDArray[np.float64], observations: 
     return Combined(Recording(q_cmd, measured, valid, np.arange(len(q_cmd), dtype=np.float64), name), sd, shift_m)
 
 
-def _common_shift(observations: Sequence[Observation]) -> NDArray[np.float64]:
+def _common_shift(observations: Sequence[Observation]) -> Array:
     """Return the most likely shift (3,) given all observations, whatever the wrist joints were in each."""
     information, pull = np.eye(3) / SHIFT_SD_M**2, np.zeros(3)
     for _, seen in observations:
@@ -238,9 +239,7 @@ def _common_shift(observations: Sequence[Observation]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.solve(information, pull), dtype=np.float64)
 
 
-def joints_seen(
-    arm: ArmModel, seen: Sighting, shift_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def joints_seen(arm: ArmModel, seen: Sighting, shift_m: Array) -> tuple[Array, Array]:
     """Return the joints (6,) in a sighting for this shift of the instrument, and the wrist's covariance (3, 3)."""
     covariance, q = _of_wrist(seen), seen.q.copy()
     q[3:] += covariance @ (seen.pull[:3] - seen.information[:3, 3:] @ (shift_m - seen.shift_m))
@@ -250,6 +249,6 @@ def joints_seen(
     return q, covariance
 
 
-def _of_wrist(seen: Sighting) -> NDArray[np.float64]:
+def _of_wrist(seen: Sighting) -> Array:
     """Return the covariance (3, 3) of the wrist in a sighting, given the shift."""
     return np.asarray(np.linalg.inv(seen.information[:3, :3] + LEAST_INFORMATION * np.eye(3)), dtype=np.float64)

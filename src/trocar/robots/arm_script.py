@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.calibration.excitation import EXERCISE_RAD
 from trocar.cell import Cell, MotionResult, Result
 from trocar.errors import UnknownName
+from trocar.geometry.arrays import Array
 from trocar.motion import rest_to_rest
 from trocar.trajectory import Trajectory
 
@@ -53,7 +53,7 @@ class ArmScript:
         return limits if share == 1.0 else MotionLimits(share * limits.velocity, share * limits.acceleration)
 
     @property
-    def q(self) -> NDArray[np.float64]:
+    def q(self) -> Array:
         """Return the joints (6,) that the arm is commanded to now: where a motion starts."""
         return self.cell.robot.setpoint(self.name).q
 
@@ -68,7 +68,7 @@ class ArmScript:
         for q in (home + swing, home - swing, home):
             await self.go(q)
 
-    async def go(self, q: NDArray[np.float64]) -> MotionResult:
+    async def go(self, q: Array) -> MotionResult:
         """Move from rest to rest at these joints (6,)."""
         return await self.move(rest_to_rest(self.q, q, self.limits))
 

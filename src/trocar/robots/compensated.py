@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.calibration.command_path import CommandPath, CommandRequest, command_paths
@@ -15,6 +14,7 @@ from trocar.calibration.compensation import HysteresisState, inverse
 from trocar.calibration.models import CableModel
 from trocar.cell import Clock, JointReading, Log, MotionEnd, MotionResult, Robot, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, OutOfReach, TrocarError
+from trocar.geometry.arrays import Array
 from trocar.log import timed
 from trocar.motion.following import step_towards
 from trocar.robots.guarded import START_TOLERANCE, start_mismatch
@@ -40,8 +40,8 @@ SLOWED = 1.001
 class _Start(NamedTuple):
     """Where the commands of a motion begin."""
 
-    q_cmd: NDArray[np.float64]
-    velocity: NDArray[np.float64]
+    q_cmd: Array
+    velocity: Array
     after: CommandPath | None  # what was sent before
     then: bool = False  # the motion starts when that has ended, not now
 
@@ -99,7 +99,7 @@ class Compensated:
         self._paths: dict[str, CommandPath] = {}
         self._prepared: dict[frozenset[str], _Prepared] = {}
         self._computing: dict[str, TrocarError | None] = {}  # arms whose commands are being found: why they were held
-        self._resting: dict[str, tuple[CommandPath | None, NDArray[np.float64], NDArray[np.float64]]] = {}
+        self._resting: dict[str, tuple[CommandPath | None, Array, Array]] = {}
 
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state with the joints as the model estimates them."""
@@ -131,7 +131,7 @@ class Compensated:
         another = isinstance(self.robot, Supervised) and self.robot.plays_another(arm)
         return None if path is None or another else path.desired
 
-    def _estimated(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
+    def _estimated(self, arm: str, sent: SetPoint) -> Array:
         """Return where (6,) the model estimates the joints to be; evaluated only once while the arm is at rest."""
         known = self._resting.get(arm)
         if known is not None and known[0] is self._paths.get(arm) and np.array_equal(known[1], sent.q):
@@ -260,7 +260,7 @@ class Compensated:
             return self._now(arm)
         return _Start(path.commands(path.commands.times_s[-1]), np.zeros(6), path, then=True)
 
-    def _joints(self, arm: str, start: _Start) -> tuple[NDArray[np.float64], HysteresisState]:
+    def _joints(self, arm: str, start: _Start) -> tuple[Array, HysteresisState]:
         """Return where (6,) the true joints are commanded to be at a start, and the cable memory."""
         if not start.then or start.after is None:
             return self.setpoint(arm).q, self._memory(arm, self.robot.setpoint(arm))

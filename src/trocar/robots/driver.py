@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import trio
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, TrocarError, UnknownName
+from trocar.geometry.arrays import Array
 from trocar.robots.executor import Ending, TrajectoryExecutor
 from trocar.trajectory import Trajectory
 
@@ -56,12 +56,12 @@ class _Arm:
     executor: TrajectoryExecutor
     jaw: _Jaw
     reading: JointReading
-    sent: NDArray[np.float64]
-    sent_velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
-    limit_use: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    sent: Array
+    sent_velocity: Array = field(default_factory=lambda: np.zeros(6))
+    limit_use: Array = field(default_factory=lambda: np.zeros(2))
     completion: Completion = field(default_factory=Completion)
-    commanded: list[NDArray[np.float64]] = field(default_factory=list)
-    measured: list[NDArray[np.float64]] = field(default_factory=list)
+    commanded: list[Array] = field(default_factory=list)
+    measured: list[Array] = field(default_factory=list)
 
 
 class Driver:
@@ -86,7 +86,7 @@ class Driver:
         """Return the names of the arms."""
         return tuple(self._arms)
 
-    def attach(self, name: str, model: ArmModel, limits: MotionLimits, q: NDArray[np.float64], jaw_rad: float) -> None:
+    def attach(self, name: str, model: ArmModel, limits: MotionLimits, q: Array, jaw_rad: float) -> None:
         """Add an arm that rests at the command (6,)."""
         reading = JointReading(self._now_s(), np.array(q, dtype=np.float64), jaw_rad)
         self._arms[name] = _Arm(
@@ -213,9 +213,7 @@ class Driver:
             while self._arm(name).executor.moving:
                 await self._arm(name).completion.over.wait()
 
-    def targets(
-        self, name: str, times_s: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def targets(self, name: str, times_s: Array) -> tuple[Array, Array, Array]:
         """Return joints (n, 6), velocities (n, 6) and jaw openings (n,) to be sent at evenly spaced times to come."""
         arm = self._arms[name]
         q, velocity = arm.executor.samples(times_s)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import MotionEnd, SetPoint
 from trocar.errors import TrocarError
+from trocar.geometry.arrays import Array
 from trocar.motion.brake import Brake, brake
 from trocar.trajectory import Trajectory
 
@@ -29,10 +29,10 @@ class Ending(NamedTuple):
 class _State(NamedTuple):
     """Joints and velocities (n, 6), time along the path and its rate (n,), and whether the path is kept."""
 
-    q: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    path_s: NDArray[np.float64]
-    rate: NDArray[np.float64]
+    q: Array
+    velocity: Array
+    path_s: Array
+    rate: Array
     on_path: bool
 
 
@@ -51,7 +51,7 @@ class _Motion:
             return self.braked[0] + self.braked[1].duration_s
         return self.start_s + self.trajectory.duration_s
 
-    def at(self, times_s: NDArray[np.float64]) -> _State:
+    def at(self, times_s: Array) -> _State:
         """Return where it is at these times of the clock."""
         trajectory, first_s = self.trajectory, self.trajectory.times_s[0]
         if self.braked is None:
@@ -76,7 +76,7 @@ class TrajectoryExecutor:
         q: (6,) where it rests at first.
     """
 
-    def __init__(self, model: ArmModel, limits: MotionLimits, q: NDArray[np.float64]):
+    def __init__(self, model: ArmModel, limits: MotionLimits, q: Array):
         self._model, self._limits = model, limits
         self._rest = np.array(q, dtype=np.float64)
         self._motion: _Motion | None = None
@@ -137,7 +137,7 @@ class TrajectoryExecutor:
         self._rest, self._path = now.q, (now.path_s, now.on_path)
         self._motion = self._setpoint = None
 
-    def samples(self, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def samples(self, times_s: Array) -> tuple[Array, Array]:
         """Return joints and velocities (n, 6) at these times of the clock, none in the past."""
         if self._motion is None:
             shape = (len(times_s), 6)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, fk
 from trocar.cell import JointReading, MotionResult, Robot, SetPoint
@@ -25,6 +24,7 @@ from trocar.errors import (
     UnknownName,
 )
 from trocar.geometry import SE3, shown
+from trocar.geometry.arrays import Array
 from trocar.motion.bodies import MovingArm
 from trocar.motion.clearance import swept_clearance
 from trocar.motion.limits import limit_use, require_range
@@ -55,7 +55,7 @@ class ArmGuard:
     model: ArmModel
     limits: MotionLimits
     T_world_base: SE3 = field(default_factory=SE3.identity)
-    workspace_m: NDArray[np.float64] | None = None
+    workspace_m: Array | None = None
 
 
 @runtime_checkable

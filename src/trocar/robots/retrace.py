@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
 APART = 5e-3
@@ -19,12 +19,12 @@ LEAST_S = 0.5
 """It takes at least so long."""
 
 
-def apart(q: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def apart(q: Array, other: Array) -> bool:
     """Return whether joints (6,) are far enough from others for both to be points of a path."""
     return bool(np.abs((q - other) * WEIGHT).max() > APART)
 
 
-def retraced(path_q: NDArray[np.float64]) -> Trajectory:
+def retraced(path_q: Array) -> Trajectory:
     """Return the motion from the end of a joint path (n, 6), n > 1, back to its start, from rest to rest.
 
     Args:

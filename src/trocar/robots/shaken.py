@@ -9,11 +9,11 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, jacobian
 from trocar.cell import JointReading, MotionResult, Robot, SetPoint
 from trocar.errors import MotionRefused, TrocarError
+from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
 _BUMP = 64.0 * np.array([-1.0, 3.0, -3.0, 1.0, 0.0, 0.0, 0.0])
@@ -48,7 +48,7 @@ class Shaken:
             return sent
         return replace(sent, q=asked(sent.path_s), velocity=sent.path_rate * asked(sent.path_s, 1))
 
-    def push(self, arm: str) -> NDArray[np.float64]:
+    def push(self, arm: str) -> Array:
         """Return how far (6,) the push has brought an arm off the path that it was asked for by now."""
         return self._robot.setpoint(arm).q - self.setpoint(arm).q
 
@@ -105,7 +105,7 @@ class Shaken:
             self._pushed[arm] = known = motion, motion.plus(bump)
         return known[1]
 
-    def _joints(self, arm: str, q: NDArray[np.float64], push_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _joints(self, arm: str, q: Array, push_m: Array) -> Array:
         """Return the change of the joints (6,) that moves the tip by a push (3,), by the first three alone."""
         found = np.zeros(6)
         found[:3] = np.linalg.lstsq(jacobian(self._arms[arm], q)[:3, :3], push_m, rcond=None)[0]

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import SOLIDS, ArmModel, fk
 from trocar.arms.solids import solid_radii_m
 from trocar.cell import Cell
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.geometry.capsules import Capsules, segment_distances_m
 from trocar.motion import MovingArm, swept_clearance
 from trocar.trajectory import Trajectory
@@ -44,7 +44,7 @@ class MovingBody:
         """Return the same with empty jaws."""
         return replace(self, held=None)
 
-    def ends_m(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def ends_m(self, t_s: Array) -> Array:
         """Return the ends of all capsules in the world at the times (n,): (n, k, 2, 3) m."""
         parts = self.arm.ends_m(t_s)
         if self.held is None:
@@ -53,7 +53,7 @@ class MovingBody:
         return np.concatenate([parts, self.held.moved(T_world_tip).ends_m], axis=1)
 
     @property
-    def radii_m(self) -> NDArray[np.float64]:
+    def radii_m(self) -> Array:
         """Return the capsules' radii (k,)."""
         radii = solid_radii_m(self.arm.model)
         return radii if self.held is None else np.concatenate([radii, self.held.radii_m])
@@ -103,9 +103,7 @@ def min_delay_s(
     return None
 
 
-def _gaps_m(
-    p: NDArray[np.float64], p_radii: NDArray[np.float64], q: NDArray[np.float64], q_radii: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _gaps_m(p: Array, p_radii: Array, q: Array, q_radii: Array) -> Array:
     a, b = p[:, :, None], q[:, None]
     apart = segment_distances_m(a[..., 0, :], a[..., 1, :], b[..., 0, :], b[..., 1, :])
     return (apart - p_radii[:, None] - q_radii).min(axis=(1, 2))

@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.geometry.arrays import Array
+
 GRAIN_M = (2.4e-3, 1.1e-3)
 """Correlation lengths of a surface's grain: two octaves, the second half as strong (assumed)."""
 RIPPLE_M = 1.5e-3
@@ -26,10 +28,10 @@ class Sight(NamedTuple):
     """Points (n, 3) on surfaces with their outward normals, seen by an eye under a lamp; all in the world's frame."""
 
     geom: NDArray[np.int32]  # (n,) ids, -1 for nothing
-    points_m: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    eye_m: NDArray[np.float64]
-    lamp_m: NDArray[np.float64]
+    points_m: Array
+    normal: Array
+    eye_m: Array
+    lamp_m: Array
     lit: NDArray[np.bool_]  # (n,) whether the lamp reaches the point
 
 
@@ -87,7 +89,7 @@ def _in_geom(
     return local, geom
 
 
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms import fk
 from trocar.calibration.excitation import WIDE_ROWS, MotionBox, random_smooth_path, slack_taken_up, wide_path
 from trocar.calibration.recording import Recording
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3, SO3, shown
+from trocar.geometry.arrays import Array
 from trocar.lab import SensorFlaws, Station
 from trocar.lab.session import Session
 from trocar.lab.transmission import DriveTrain
@@ -102,7 +103,7 @@ class FiducialCell:
 
     def image(
         self,
-        q_joint: NDArray[np.float64],
+        q_joint: Array,
         corner_px: tuple[int, int],
         size_px: tuple[int, int],
         rng: np.random.Generator,
@@ -205,7 +206,7 @@ class CheckerboardCell:
         return image
 
 
-def _inside(lens: Intrinsics, p_lens: NDArray[np.float64]) -> bool:
+def _inside(lens: Intrinsics, p_lens: Array) -> bool:
     pixels = project(lens, p_lens)
     return bool(((pixels >= 0) & (pixels <= (lens.width - 1, lens.height - 1))).all())
 

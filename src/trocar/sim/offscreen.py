@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.lab import SensorFlaws
 from trocar.perception.image import Intrinsics
 from trocar.replay import Replay, Solid, Viewpoint, painted
@@ -57,7 +58,7 @@ class OffscreenCamera:
         view: Viewpoint | None = None,
         colours: Mapping[str, tuple[float, float, float]] | None = None,
         scale: float = 1.0,
-        frame_m: NDArray[np.float64] | None = None,
+        frame_m: Array | None = None,
     ):
         frame_m = handled(replay) if frame_m is None else frame_m
         view = view or overview(frame_m)
@@ -80,7 +81,7 @@ class OffscreenCamera:
         return self._camera.render(self._data, np.random.default_rng(0)).color
 
 
-def handled(replay: Replay) -> NDArray[np.float64]:
+def handled(replay: Replay) -> Array:
     """Return the positions (n, 3) in the world of free bodies and moving tips; if there are none, of everything."""
     bodies, tools = replay.T_world_body, tuple(replay.tools)
     paths = [tool.p_world_driven_m for tool in replay.tools.values()]
@@ -91,7 +92,7 @@ def handled(replay: Replay) -> NDArray[np.float64]:
     return np.concatenate([points, middle + ROOM_M * np.array([[-1, -1, -1], [1, 1, 1]])])
 
 
-def framed(eye_m: NDArray[np.float64], points_m: NDArray[np.float64], scale: float = 1.0) -> tuple[SE3, Intrinsics]:
+def framed(eye_m: Array, points_m: Array, scale: float = 1.0) -> tuple[SE3, Intrinsics]:
     """Return the level camera at a place in whose picture these points reach from edge to edge.
 
     Args:
@@ -113,7 +114,7 @@ def framed(eye_m: NDArray[np.float64], points_m: NDArray[np.float64], scale: flo
     return T_world_camera, Intrinsics(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
 
 
-def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64]) -> SE3:
+def look_at(eye_m: Array, target_m: Array) -> SE3:
     """Return ``T_world_camera`` (OpenCV axes) of a level camera at ``eye_m`` that looks at ``target_m``."""
     z = (target_m - eye_m) / np.linalg.norm(target_m - eye_m)
     x = np.cross(z, [0.0, 0.0, 1.0])
@@ -121,14 +122,14 @@ def look_at(eye_m: NDArray[np.float64], target_m: NDArray[np.float64]) -> SE3:
     return SE3.from_parts(SO3(np.column_stack([x, np.cross(z, x), z])), eye_m)
 
 
-def _extent(T_world_camera: SE3, points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _extent(T_world_camera: SE3, points_m: Array) -> tuple[Array, Array]:
     """Return the corners (2,), (2,) of what the points cover at a distance of 1 from the camera."""
     seen = T_world_camera.inverse().apply(points_m)
     flat = seen[:, :2] / np.maximum(seen[:, 2:], NEAREST_M)
     return flat.min(axis=0), flat.max(axis=0)
 
 
-def overview(points_m: NDArray[np.float64]) -> Viewpoint:
+def overview(points_m: Array) -> Viewpoint:
     """Return a viewpoint in front of and above these points (n, 3)."""
     low, high = points_m.min(axis=0), points_m.max(axis=0)
     wide = max(0.06, float(np.linalg.norm(high - low)))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InvalidInput
 from trocar.geometry import SE3
+from trocar.geometry.arrays import Array
 from trocar.lab.station import SensorFlaws
 from trocar.perception.depth import pixel_rays
 from trocar.perception.image import Intrinsics, RgbdImage
@@ -117,7 +118,7 @@ class RayCamera:
         view = self._view(data, shadow=self.flaws.shadow)
         return expose(view.color.reshape(*self.size, 3) * np.float32(gain), self.flaws.color_sd, rng)
 
-    def render_exact(self, data: mujoco.MjData) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uint8]]:
+    def render_exact(self, data: mujoco.MjData) -> tuple[Array, NDArray[np.int32], NDArray[np.uint8]]:
         """Return depth (h, w) in m, geom ids (h, w) and colour (h, w, 3); NaN and -1 where nothing is hit."""
         view, shape = self._view(data, shadow=False), self.size
         color = np.rint(view.color * 255).astype(np.uint8)
@@ -184,8 +185,8 @@ class RayCamera:
         return self._lamp_map
 
     def _cast(
-        self, model: mujoco.MjModel, data: mujoco.MjData, origin: NDArray[np.float64], rays: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+        self, model: mujoco.MjModel, data: mujoco.MjData, origin: Array, rays: Array
+    ) -> tuple[Array, NDArray[np.int32], Array]:
         """Return distances (n,) in lengths of their rays, geoms (n,) and normals (n, 3): NaN, -1 and 0 for nothing."""
         count = len(rays)
         geom, distance, normal = np.full(count, -1, dtype=np.int32), np.full(count, -1.0), np.zeros(3 * count)
@@ -196,12 +197,7 @@ class RayCamera:
         return distance, geom, normal.reshape(-1, 3)
 
     def _lit(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        depth: NDArray[np.float64],
-        normal_world: NDArray[np.float64],
-        pixels: NDArray[np.intp],
+        self, model: mujoco.MjModel, data: mujoco.MjData, depth: Array, normal_world: Array, pixels: NDArray[np.intp]
     ) -> NDArray[np.bool_]:
         """Return which of these pixels' surfaces the projector reaches, by a second batch of rays from it."""
         lit = np.isfinite(depth)
@@ -218,9 +214,9 @@ class RayCamera:
 class _View:
     """What each pixel (n,) sees, whether that is lit, and whether its ray was cast; normal and colour are (n, 3)."""
 
-    depth: NDArray[np.float64]
+    depth: Array
     geom: NDArray[np.int32]
-    normal_world: NDArray[np.float64]
+    normal_world: Array
     color: NDArray[np.float32]
     mirror: NDArray[np.float32]
     cosine: NDArray[np.float32]
@@ -244,7 +240,7 @@ class _Raster:
     CELL_PIXELS = 2.0
     MARGIN_CELLS = 4
 
-    def __init__(self, rays: NDArray[np.float64], focal_px: float):
+    def __init__(self, rays: Array, focal_px: float):
         """Make the map that contains these directions (n, 3), in cells of some pixels at that focal length."""
         self.scale = focal_px / self.CELL_PIXELS
         flat, margin = rays[:, :2] / rays[:, 2:], self.MARGIN_CELLS / self.scale
@@ -266,7 +262,7 @@ class _Raster:
         numbers = (row - top) * smaller.shape[1] + column - left
         return smaller, np.where(outside, smaller.shape[0] * smaller.shape[1], numbers)
 
-    def index(self, rays: NDArray[np.float64]) -> NDArray[np.intp]:
+    def index(self, rays: Array) -> NDArray[np.intp]:
         """Return the flat cell of each direction (n, 3); those off the map share a cell that is always cast."""
         at = np.floor((rays[:, :2] / rays[:, 2:] - self.lower) * self.scale).astype(np.intp)
         inside = ((at >= 0) & (at < self.shape[::-1])).all(-1)
@@ -299,7 +295,7 @@ class _Raster:
 
 
 @lru_cache(maxsize=8)
-def _pixels(intrinsics: Intrinsics) -> tuple[NDArray[np.float64], _Raster, NDArray[np.intp]]:
+def _pixels(intrinsics: Intrinsics) -> tuple[Array, _Raster, NDArray[np.intp]]:
     """Return the rays (n, 3) of a lens, its map, and the cell (n,) of each ray: a lens looks into many worlds."""
     rays = pixel_rays(intrinsics).reshape(-1, 3)
     raster = _Raster(rays, intrinsics.fx)

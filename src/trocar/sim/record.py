@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.arms import fk
 from trocar.cell import Robot
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.replay import Solid
 from trocar.sim.spec import SHAPES
 
@@ -71,8 +71,8 @@ class Record:
         collisions: in order of time.
     """
 
-    times_s: NDArray[np.float64]
-    joints: Mapping[str, NDArray[np.float64]]
+    times_s: Array
+    joints: Mapping[str, Array]
     T_world_body: Mapping[str, SE3]
     T_world_tip: Mapping[str, SE3]
     collisions: tuple[Collision, ...]
@@ -94,10 +94,8 @@ class Recorder:
         self._world, self._robot, self._jaw_command_rad = world, robot, jaw_command_rad
         self.desired_of: Robot = robot
         self._times: list[float] = []
-        self._free: list[NDArray[np.float64]] = []
-        self._rows: dict[str, dict[str, list[NDArray[np.float64]]]] = {
-            name: {kind: [] for kind in KINDS} for name in world.arm_names
-        }
+        self._free: list[Array] = []
+        self._rows: dict[str, dict[str, list[Array]]] = {name: {kind: [] for kind in KINDS} for name in world.arm_names}
 
     def observe(self, time_s: float) -> None:
         """Take one sample."""
@@ -121,17 +119,17 @@ class Recorder:
         tips = {name: bases[name] @ fk(arm, joints[name][:, :6]) for name, arm in self._world.models.items()}
         return Record(np.array(self._times), joints, bodies, tips, collisions)
 
-    def joints(self, kind: str, start: int = 0) -> dict[str, NDArray[np.float64]]:
+    def joints(self, kind: str, start: int = 0) -> dict[str, Array]:
         """Return (n, 7) joints and jaw of each arm: ``desired``, ``commanded``, ``measured`` or ``true``."""
         return {name: np.array(rows[kind][start:]).reshape(-1, 7) for name, rows in self._rows.items()}
 
-    def free_poses(self, start: int = 0) -> dict[str, NDArray[np.float64]]:
+    def free_poses(self, start: int = 0) -> dict[str, Array]:
         """Return positions and quaternions wxyz (n, 7) of each free body."""
         free = self._free[start:]
         poses = np.array(free).reshape(len(free), -1, 7)
         return {body: poses[:, k] for k, body in enumerate(self._world.free_bodies)}
 
-    def arrays(self, start: int = 0) -> dict[str, NDArray[np.float64]]:
+    def arrays(self, start: int = 0) -> dict[str, Array]:
         """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz.
 
         ``start`` is the first row; -1: the last row alone.

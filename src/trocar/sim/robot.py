@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.cell import JointReading
+from trocar.geometry.arrays import Array
 from trocar.lab import StationArm
 from trocar.lab.transmission import DriveTrain, JawCable
 from trocar.robots.driver import TICK_S, Driver
@@ -27,7 +27,7 @@ class SimRobot(Driver):
         super().__init__(now_s)
         self._world = world
         self._trains: dict[str, DriveTrain] = {}
-        self._pulled: dict[str, NDArray[np.float64]] = {}
+        self._pulled: dict[str, Array] = {}
         self._jaws: dict[str, tuple[JawCable, float]] = {}
         self._silent: set[str] = set()
 
@@ -61,7 +61,7 @@ class SimRobot(Driver):
                 readings[name] = JointReading(now, sent[name][0][-1].copy(), jaw_rad)
         self.note(now, readings)
 
-    def _pull(self, name: str, q_cmd: NDArray[np.float64], jaw_rad: float, over_s: float) -> None:
+    def _pull(self, name: str, q_cmd: Array, jaw_rad: float, over_s: float) -> None:
         """Set the servos' targets to where the transmission holds the joints after the next command."""
         target = self._trains[name].joints(q_cmd)
         velocity = (target - self._pulled[name]) / over_s

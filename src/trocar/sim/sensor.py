@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.geometry.arrays import Array
 from trocar.lab.station import SensorFlaws
 
 
@@ -42,10 +43,10 @@ LENS_BLUR_PX = 0.6
 
 def shade(
     model: mujoco.MjModel,
-    rays: NDArray[np.float64],
-    depth_m: NDArray[np.float64],
+    rays: Array,
+    depth_m: Array,
     geom: NDArray[np.int32],
-    normal: NDArray[np.float64],
+    normal: Array,
     lit: NDArray[np.bool_],
     projector_m: ArrayLike,
     light: Light,
@@ -91,7 +92,7 @@ def shade(
 
 def apply_flaws(
     flaws: SensorFlaws,
-    depth_m: NDArray[np.float64],
+    depth_m: Array,
     color: NDArray[np.float32],
     cosine: NDArray[np.float32],
     lit: NDArray[np.bool_],

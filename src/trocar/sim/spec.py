@@ -9,11 +9,12 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco import mjtGeom, mjtJoint
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trocar.arms import ArmModel, frames
 from trocar.arms.solids import STEEL, Part, parts_of
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.perception.fiducials import COLORS, Fixture
 
 TIMESTEP_S = 1e-3
@@ -109,16 +110,16 @@ class CellArms:
     T_world_base: Mapping[str, SE3]
     surface: Surface = field(default_factory=Surface)
     fixtures: Mapping[str, Fixture] = field(default_factory=dict)
-    q_start: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    q_start: Mapping[str, Array] = field(default_factory=dict)
 
 
-def digits(values: ArrayLike) -> NDArray[np.float64]:
+def digits(values: ArrayLike) -> Array:
     """Return numbers rounded to sixteen digits: as a model file would have them, so that both give the same trials."""
     values = np.asarray(values, dtype=np.float64)
     return np.array([float(f"{value:.16g}") for value in values.flat]).reshape(values.shape)
 
 
-def placed(T: SE3) -> dict[str, NDArray[np.float64]]:
+def placed(T: SE3) -> dict[str, Array]:
     """Return the attributes of a body or geom at this pose in its parent."""
     return {"pos": digits(T.translation_m), "quat": digits(T.rotation.as_quaternion())}
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.errors import TrocarError
 from trocar.geometry import SE3, SO3
+from trocar.geometry.arrays import Array
 from trocar.perception.fiducials import Fixture
 from trocar.sim.record import CollidingPair, Record
 from trocar.sim.spec import SERVO, TIMESTEP_S, CellArms, Surface, cell_spec
@@ -64,7 +65,7 @@ class TaskWorld:
         del first, second
         return None
 
-    def counts(self, pair: CollidingPair, normal: NDArray[np.float64]) -> bool:
+    def counts(self, pair: CollidingPair, normal: Array) -> bool:
         """Return whether a contact with this normal (3,) counts; asked only of contacts with some force."""
         del pair, normal
         return True
@@ -72,7 +73,7 @@ class TaskWorld:
     def observe(self, time_s: float) -> None:
         """Observe the world; called after each tick of the controller, before ``collision`` is for its contacts."""
 
-    def errand(self, goal: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def errand(self, goal: Any) -> tuple[Array, Array] | None:
         """Return where (3,) in the world a goal's object is now, and where it belongs; None: that cannot be said.
 
         Only dense rewards use it (``trocar.learn``). The goals are asked about in order, each from when it is the next
@@ -103,7 +104,7 @@ class ArmIndex:
     dof: NDArray[np.intp]
     drive: NDArray[np.intp]
     feed: NDArray[np.intp]
-    damping: NDArray[np.float64]
+    damping: Array
     jaw_qpos: int
     jaw_drive: int
     fingers: tuple[int, int]
@@ -171,7 +172,7 @@ class World:
         names = [self.model.geom(g).name for g in range(self.model.ngeom)]
         return np.array([g for g, name in enumerate(names) if name.startswith(prefix)], dtype=np.intp)
 
-    def place_arm(self, name: str, q_joint: NDArray[np.float64], jaw_rad: float) -> None:
+    def place_arm(self, name: str, q_joint: Array, jaw_rad: float) -> None:
         """Put an arm at rest at these joints (6,), its drives holding it there."""
         index = self.arms[name]
         self.data.qpos[index.qpos] = q_joint
@@ -181,7 +182,7 @@ class World:
         self.drive_arm(name, q_joint, np.zeros(6), jaw_rad)
         mujoco.mj_forward(self.model, self.data)
 
-    def drive_arm(self, name: str, q_joint: NDArray[np.float64], v_joint: NDArray[np.float64], jaw_rad: float) -> None:
+    def drive_arm(self, name: str, q_joint: Array, v_joint: Array, jaw_rad: float) -> None:
         """Set the targets of an arm's drives: joints (6,), their velocities, the jaws' opening."""
         index = self.arms[name]
         self.data.ctrl[index.drive] = q_joint
@@ -200,7 +201,7 @@ class World:
         """Return the clock of the physics."""
         return float(self.data.time)
 
-    def joints(self, name: str) -> NDArray[np.float64]:
+    def joints(self, name: str) -> Array:
         """Return the true joints (6,)."""
         return self.data.qpos[self.arms[name].qpos].copy()
 
@@ -208,7 +209,7 @@ class World:
         """Return the true opening of the jaws."""
         return 2.0 * float(self.data.qpos[self.arms[name].jaw_qpos])
 
-    def free_poses(self) -> NDArray[np.float64]:
+    def free_poses(self) -> Array:
         """Return positions and quaternions wxyz (k, 7) of the free bodies, in the order of ``free_bodies``."""
         return self.data.qpos[self._free_qpos]
 

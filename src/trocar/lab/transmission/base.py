@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trocar.geometry.arrays import Array
 from trocar.lab.flaws import Difficulty
 
 CORRELATION_TIME_S = 1.0
@@ -31,17 +31,17 @@ class Transmission(Protocol):
         return ()
 
     @property
-    def unrepeatable_sd(self) -> NDArray[np.float64]:
+    def unrepeatable_sd(self) -> Array:
         """Return the SD (6,) of the joints' error that no model can reproduce, rad and m."""
         return np.zeros(6)
 
     @property
-    def measurement_sd(self) -> NDArray[np.float64]:
+    def measurement_sd(self) -> Array:
         """Return the SD (6,) of one measurement of the joints by fiducials, rad and m."""
         return np.zeros(6)
 
     @property
-    def creep_sd(self) -> NDArray[np.float64]:
+    def creep_sd(self) -> Array:
         """Return the SD (6,) of the part that wanders over minutes, rad and m."""
         return np.zeros(6)
 
@@ -49,11 +49,11 @@ class Transmission(Protocol):
         """Return the same instrument in another session."""
         ...
 
-    def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> Any:
+    def start(self, q_cmd: Array, rng: np.random.Generator) -> Any:
         """Return the state of an arm that rests at this command (6,) with unknown slack."""
         ...
 
-    def step(self, memory: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
+    def step(self, memory: Any, q_cmd: Array) -> tuple[Array, Any]:
         """Return the joints (6,) after the command (6,), without the unrepeatable part, and the new state."""
         ...
 
@@ -65,7 +65,7 @@ class DriveTrain:
     minutes. Hysteresis does not depend on speed: the recordings are quasi-static.
     """
 
-    def __init__(self, transmission: Transmission, q_start: NDArray[np.float64], rng: np.random.Generator):
+    def __init__(self, transmission: Transmission, q_start: Array, rng: np.random.Generator):
         self.transmission = transmission
         self._memory = transmission.start(q_start, rng)
         self._rng = rng
@@ -87,7 +87,7 @@ class DriveTrain:
             kick = self._creep_sd * np.sqrt(1.0 - keep * keep)
             self._creep = keep * self._creep + kick * self._creep_rng.standard_normal(6)
 
-    def joints(self, q_cmd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def joints(self, q_cmd: Array) -> Array:
         """Return where the joints (6,) are held after the command (6,); to be called along the path."""
         q, self._memory = self.transmission.step(self._memory, q_cmd)
         return q + self._drift + self._creep
@@ -107,10 +107,10 @@ class Stiff(Transmission):
         del rng, difficulty
         return self
 
-    def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> None:
+    def start(self, q_cmd: Array, rng: np.random.Generator) -> None:
         """Return None: it has no state."""
 
-    def step(self, memory: None, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], None]:
+    def step(self, memory: None, q_cmd: Array) -> tuple[Array, None]:
         """Return the joints (6,): the command."""
         return q_cmd.copy(), memory
 

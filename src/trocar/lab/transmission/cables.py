@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.calibration.plant import WRIST, CablePlant, PlayState
 from trocar.checks import require_numbers
 from trocar.geometry import TURN
+from trocar.geometry.arrays import Array
 from trocar.lab.flaws import FLAWS, MILD, Difficulty
 from trocar.lab.transmission.base import Transmission
 
@@ -33,29 +33,25 @@ class HistoryField:
         amplitudes: (k, 3).
     """
 
-    radii: NDArray[np.float64]
-    v: NDArray[np.float64]
-    w: NDArray[np.float64]
-    phases: NDArray[np.float64]
-    amplitudes: NDArray[np.float64]
+    radii: Array
+    v: Array
+    w: Array
+    phases: Array
+    amplitudes: Array
 
     @staticmethod
-    def drawn(
-        rng: np.random.Generator, sd: NDArray[np.float64], scale: NDArray[np.float64], radii: NDArray[np.float64]
-    ) -> HistoryField:
+    def drawn(rng: np.random.Generator, sd: Array, scale: Array, radii: Array) -> HistoryField:
         """Return a field of errors of this SD (3,), which change over distances ``scale`` (3,) if the slacks stay."""
         v = rng.standard_normal((WAVES, 3)) / scale
         w = rng.standard_normal((WAVES, radii.size))
         amplitudes = sd * np.sqrt(2.0 / WAVES) * rng.standard_normal((WAVES, 3))
         return HistoryField(radii, v, w, rng.uniform(0.0, TURN, WAVES), amplitudes)
 
-    def start(self, u: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    def start(self, u: Array, rng: np.random.Generator) -> Array:
         """Return play operators (3, m) somewhere in their slack."""
         return u[:, None] + rng.uniform(-1.0, 1.0, self.radii.shape) * self.radii
 
-    def step(
-        self, memory: NDArray[np.float64], u: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def step(self, memory: Array, u: Array) -> tuple[Array, Array]:
         """Return the errors (3,) at a command (3,), and the operators."""
         column = u[:, None]
         followed = np.minimum(np.maximum(memory, column - self.radii), column + self.radii)
@@ -82,8 +78,8 @@ OUTER_RADII = np.array([[0.05, 0.15], [0.05, 0.15], [0.008, 0.025]])
 class OuterState(NamedTuple):
     """Operators of the joints' own play (3, 1), and those of the field."""
 
-    play: NDArray[np.float64]
-    field: NDArray[np.float64]
+    play: Array
+    field: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +92,8 @@ class OuterErrors:
         field: the rest.
     """
 
-    gains: NDArray[np.float64]
-    play: NDArray[np.float64]
+    gains: Array
+    play: Array
     field: HistoryField
 
     @staticmethod
@@ -106,11 +102,11 @@ class OuterErrors:
         field = HistoryField.drawn(rng, scale * FIELD_SD, OUTER_SCALE, OUTER_RADII)
         return OuterErrors(scale * GAIN_SD * rng.standard_normal((3, 3)), scale * PLAY, field)
 
-    def start(self, q: NDArray[np.float64], rng: np.random.Generator) -> OuterState:
+    def start(self, q: Array, rng: np.random.Generator) -> OuterState:
         """Return the state at a command (3,) with unknown slack."""
         return OuterState(q[:, None] + rng.uniform(-1.0, 1.0, (3, 1)) * self.play, self.field.start(q, rng))
 
-    def step(self, memory: OuterState, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], OuterState]:
+    def step(self, memory: OuterState, q: Array) -> tuple[Array, OuterState]:
         """Return the error (3,) at a command (3,), and the new state."""
         followed = np.minimum(np.maximum(memory.play, q[:, None] - self.play), q[:, None] + self.play)
         rest, operators = self.field.step(memory.field, q)
@@ -133,7 +129,7 @@ class CableState(NamedTuple):
     """Everything that the joints depend on besides the command."""
 
     play: PlayState
-    residual: NDArray[np.float64] | None
+    residual: Array | None
     outer: OuterState | None
 
 
@@ -155,8 +151,8 @@ class Cables(Transmission):
 
     plant: CablePlant
     usual: CablePlant | None = None
-    noise_sd: NDArray[np.float64] = field(default_factory=lambda: FLAWS["noise"].values(MILD))
-    wander_sd: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    noise_sd: Array = field(default_factory=lambda: FLAWS["noise"].values(MILD))
+    wander_sd: Array = field(default_factory=lambda: np.zeros(3))
     residual: HistoryField | None = None
     outer: OuterErrors | None = None
 
@@ -174,17 +170,17 @@ class Cables(Transmission):
         return ("offsets", "wear", "residual", "noise", "creep", "outer")
 
     @property
-    def unrepeatable_sd(self) -> NDArray[np.float64]:
+    def unrepeatable_sd(self) -> Array:
         """Return the part of the SD between two equal runs that comes from the joints."""
         return np.concatenate([self.plant.noise_sd[:3] * OUTER_SHARE, self.noise_sd])
 
     @property
-    def creep_sd(self) -> NDArray[np.float64]:
+    def creep_sd(self) -> Array:
         """Return the SD of the offsets over minutes."""
         return np.concatenate([np.zeros(3), self.wander_sd])
 
     @property
-    def measurement_sd(self) -> NDArray[np.float64]:
+    def measurement_sd(self) -> Array:
         """Return the part of the SD between two equal runs that comes from the fiducials."""
         share = np.minimum(self.unrepeatable_sd / self.plant.noise_sd, MOST_SHARE)
         return self.plant.noise_sd * np.sqrt(1.0 - share**2)
@@ -204,7 +200,7 @@ class Cables(Transmission):
             outer=OuterErrors.drawn(outer_rng, difficulty.scale("outer")) if difficulty["outer"].any() else None,
         )
 
-    def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> CableState:
+    def start(self, q_cmd: Array, rng: np.random.Generator) -> CableState:
         """Return play operators somewhere in their slack."""
         slack = rng.uniform(-1.0, 1.0, 3) * self.plant.radii
         play = tuple((np.array(self.plant.start(q_cmd)) + slack).tolist())
@@ -212,7 +208,7 @@ class Cables(Transmission):
         outer = None if self.outer is None else self.outer.start(q_cmd[:3], rng)
         return CableState(play, residual, outer)
 
-    def step(self, memory: Any, q_cmd: NDArray[np.float64]) -> tuple[NDArray[np.float64], CableState]:
+    def step(self, memory: Any, q_cmd: Array) -> tuple[Array, CableState]:
         """Return the joints (6,) after the command, and the operators."""
         q, play = self.plant.step(memory.play, q_cmd)
         residual, outer = memory.residual, memory.outer
@@ -225,13 +221,13 @@ class Cables(Transmission):
         return q, CableState(play, residual, outer)
 
 
-def _worn(plant: CablePlant, sd: NDArray[np.float64], rng: np.random.Generator) -> CablePlant:
+def _worn(plant: CablePlant, sd: Array, rng: np.random.Generator) -> CablePlant:
     """Return the cables with other play, shares, gains and couplings, of these SDs (4,)."""
     if not sd.any():
         return plant
     of_radii, of_shares, of_K, of_C = sd
 
-    def change(size: float, *shape: int) -> NDArray[np.float64]:
+    def change(size: float, *shape: int) -> Array:
         return size * np.clip(rng.standard_normal(shape), -MOST_SDS, MOST_SDS)
 
     radii = plant.radii * np.exp(change(of_radii, 3))

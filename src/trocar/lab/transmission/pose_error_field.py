@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.checks import require_numbers
 from trocar.geometry import TURN
+from trocar.geometry.arrays import Array
 from trocar.lab.flaws import Difficulty
 from trocar.lab.transmission.base import Transmission
 
@@ -43,10 +43,10 @@ class PoseErrorField(Transmission):
     play: tuple[float, ...] = (0.004, 0.004, 0.0005, 0.02, 0.02, 0.02)
     noise_sd: tuple[float, ...] = (0.001, 0.001, 0.0002, 0.005, 0.008, 0.008)
     scale: tuple[float, ...] = (0.25, 0.25, 0.06, 0.8, 0.8, 0.8)
-    bias: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
-    waves: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
-    phases: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    amplitudes: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6)))
+    bias: Array = field(default_factory=lambda: np.zeros(6))
+    waves: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    phases: Array = field(default_factory=lambda: np.zeros(0))
+    amplitudes: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     WAVES: ClassVar[int] = 24
 
@@ -64,12 +64,12 @@ class PoseErrorField(Transmission):
         return ("kinematics",)
 
     @property
-    def unrepeatable_sd(self) -> NDArray[np.float64]:
+    def unrepeatable_sd(self) -> Array:
         """Return the SD of the part that does not repeat."""
         return np.array(self.noise_sd)
 
     @property
-    def measurement_sd(self) -> NDArray[np.float64]:
+    def measurement_sd(self) -> Array:
         """Return the SD of one measurement by fiducials, assumed to be as large as the unrepeatable part."""
         return np.array(self.noise_sd)
 
@@ -84,13 +84,11 @@ class PoseErrorField(Transmission):
             amplitudes=scale * np.array(self.field_sd) * np.sqrt(2.0 / count) * rng.standard_normal((count, 6)),
         )
 
-    def start(self, q_cmd: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    def start(self, q_cmd: Array, rng: np.random.Generator) -> Array:
         """Return play operators (6,) somewhere in their slack."""
         return q_cmd + rng.uniform(-1.0, 1.0, 6) * np.array(self.play)
 
-    def step(
-        self, memory: NDArray[np.float64], q_cmd: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def step(self, memory: Array, q_cmd: Array) -> tuple[Array, Array]:
         """Return the joints (6,) after the command, and the operators."""
         r = np.array(self.play)
         followed = np.minimum(np.maximum(memory, q_cmd - r), q_cmd + r)
@@ -98,7 +96,7 @@ class PoseErrorField(Transmission):
         return followed + self.bias + smooth, followed
 
 
-def _direction(rng: np.random.Generator) -> NDArray[np.float64]:
+def _direction(rng: np.random.Generator) -> Array:
     """Return three numbers with a mean square of 1, in a random direction."""
     shares = rng.standard_normal(3)
     return np.sqrt(3.0) * shares / np.linalg.norm(shares)
