@@ -13,7 +13,7 @@ from trocar.arms.solids import solid_radii_m
 from trocar.cell import Cell
 from trocar.geometry import SE3
 from trocar.geometry.arrays import Array
-from trocar.geometry.capsules import Capsules, segment_distances_m
+from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.motion import MovingArm, swept_clearance
 from trocar.trajectory import Trajectory
 
@@ -44,25 +44,18 @@ class MovingBody:
         """Return the same with empty jaws."""
         return replace(self, held=None)
 
-    def ends_m(self, t_s: Array) -> Array:
-        """Return the ends of all capsules in the world at the times (n,): (n, k, 2, 3) m."""
-        parts = self.arm.ends_m(t_s)
+    def capsules(self, t_s: Array) -> Capsules:
+        """Return all capsules in the world at the times (n,): ends (n, k, 2, 3) m."""
+        ends, radii = self.arm.ends_m(t_s), solid_radii_m(self.arm.model)
         if self.held is None:
-            return parts
-        T_world_tip = self.arm.T_world_base @ fk(self.arm.model, self.arm.joints(t_s))
-        return np.concatenate([parts, self.held.moved(T_world_tip).ends_m], axis=1)
-
-    @property
-    def radii_m(self) -> Array:
-        """Return the capsules' radii (k,)."""
-        radii = solid_radii_m(self.arm.model)
-        return radii if self.held is None else np.concatenate([radii, self.held.radii_m])
+            return Capsules(ends, radii)
+        held = self.held.moved(self.arm.T_world_base @ fk(self.arm.model, self.arm.joints(t_s)))
+        return Capsules(np.concatenate([ends, held.ends_m], axis=1), np.concatenate([radii, held.radii_m]))
 
 
 def distance_m(a: MovingBody, a_s: float, b: MovingBody, b_s: float) -> float:
     """Return the distance of two bodies, one at the time ``a_s`` of its clock, the other at ``b_s``."""
-    ends = a.ends_m(np.array([a_s])), b.ends_m(np.array([b_s]))
-    return float(_gaps_m(ends[0], a.radii_m, ends[1], b.radii_m)[0])
+    return float(capsule_distances_m(a.capsules(np.array([a_s])), b.capsules(np.array([b_s]))).min())
 
 
 def min_delay_s(
@@ -88,25 +81,19 @@ def min_delay_s(
     lasting_s = mover.arm.trajectory.duration_s
     until_s = max(other.arm.end_s - now_s, 0.0)
     own_s = np.append(np.arange(0.0, lasting_s, STEP_S), lasting_s)
-    ends = mover.ends_m(own_s)
+    mine, arm = mover.capsules(own_s), slice(len(SOLIDS))
     for delay_s in delays_s:
         last_s = max(lasting_s + delay_s, until_s)
         times = np.append(np.arange(0.0, last_s, STEP_S), last_s)
         index = np.clip(np.searchsorted(own_s, times - delay_s - 1e-9), 0, len(own_s) - 1)
-        theirs = other.ends_m(now_s + times)
+        theirs = other.capsules(now_s + times)
         apart = (times < delay_s + contact_s[0]) | (times >= delay_s + contact_s[1])
-        arm = slice(len(SOLIDS))
-        gaps = _gaps_m(ends[index[apart]], mover.radii_m, theirs[apart], other.radii_m)
-        touching = _gaps_m(ends[index[~apart]], mover.radii_m, theirs[~apart, arm], other.radii_m[arm])
+        apart_own, near_own = (Capsules(mine.ends_m[index[when]], mine.radii_m) for when in (apart, ~apart))
+        gaps = capsule_distances_m(apart_own, Capsules(theirs.ends_m[apart], theirs.radii_m))
+        touching = capsule_distances_m(near_own, Capsules(theirs.ends_m[~apart, arm], theirs.radii_m[arm]))
         if min(gaps.min(initial=inf), touching.min(initial=inf)) >= margin_m:
             return delay_s
     return None
-
-
-def _gaps_m(p: Array, p_radii: Array, q: Array, q_radii: Array) -> Array:
-    a, b = p[:, :, None], q[:, None]
-    apart = segment_distances_m(a[..., 0, :], a[..., 1, :], b[..., 0, :], b[..., 1, :])
-    return (apart - p_radii[:, None] - q_radii).min(axis=(1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,9 +207,9 @@ class Traffic:
         setpoint, motion = robot.setpoint(arm), lane.announced
         at_end = motion is not None and np.abs(motion(motion.times_s[-1]) - setpoint.q).max() < AT_END
         if motion is None or (at_end and not setpoint.moving):
-            rest = Trajectory(np.array([0.0, 1e-3]), setpoint.q[None, None])
             jaw_rad = max(0.0, robot.read(arm).jaw_rad)
-            return MovingBody(MovingArm(lane.model, rest, lane.T_world_base, now - 1e-3, jaw_rad), lane.held)
+            resting = MovingArm.resting(lane.model, setpoint.q, lane.T_world_base, jaw_rad)
+            return MovingBody(replace(resting, start_s=now - resting.end_s), lane.held)
         begun_s = now - setpoint.path_s if setpoint.moving else now  # admitted, and about to start
         return MovingBody(MovingArm(lane.model, motion, lane.T_world_base, begun_s, lane.jaw_rad), lane.held)
 
