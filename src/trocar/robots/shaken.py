@@ -5,7 +5,7 @@ Demonstrations that never leave their path do not show how to come back to it (L
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from trocar.arms import ArmModel, jacobian
 from trocar.cell import JointReading, MotionResult, Robot, SetPoint
 from trocar.errors import MotionRefused, TrocarError
 from trocar.geometry.arrays import Array
+from trocar.robots.supervised import Verb
 from trocar.trajectory import Trajectory
 
 _BUMP = 64.0 * np.array([-1.0, 3.0, -3.0, 1.0, 0.0, 0.0, 0.0])
@@ -78,10 +79,7 @@ class Shaken:
         await self._robot.rest(*arms)
 
     async def _sent(
-        self,
-        verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, MotionResult]]],
-        motions: Mapping[str, Trajectory],
-        pushed: Mapping[str, Trajectory],
+        self, verb: Verb, motions: Mapping[str, Trajectory], pushed: Mapping[str, Trajectory]
     ) -> Mapping[str, MotionResult]:
         before = {arm: self._asked.get(arm) for arm in motions}
         self._asked |= motions  # the robot starts them before it first waits

@@ -137,13 +137,7 @@ class Supervised:
 
     async def _played(self, verb: Verb, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Run motions, and what is left of those that the person stops."""
-        rests, lent = self._forget(motions)
-        try:
-            results = dict(await verb(motions))
-        except TrocarError:  # nothing has moved
-            self._rests |= rests
-            self._lent |= lent
-            raise
+        results = dict(await self._sent(verb, motions, {}))
         while stopped := [arm for arm, result in results.items() if isinstance(result.cause, StoppedByPerson)]:
             left = {arm: rest for arm in stopped if (rest := self._left(arm, motions[arm]))}
             for arm in set(stopped) - set(left):
@@ -159,27 +153,30 @@ class Supervised:
         Of two arms that go on one after the other, the second one may still be in the way of the first: that one then
         waits until the second rests. If it is refused again, the motion has ended where it was stopped, held.
         """
-
-        async def attempt() -> Mapping[str, MotionResult]:
-            rests, lent = self._forget(left)
-            self._rests |= left
-            try:
-                return await self.robot.move({arm: rest.motion for arm, rest in left.items()})
-            except TrocarError:
-                self._forget(left)
-                self._rests |= rests
-                self._lent |= lent
-                raise
-
+        motions = {arm: rest.motion for arm, rest in left.items()}
         try:
-            went_on = await attempt()
+            went_on = await self._sent(self.robot.move, motions, left)
         except MotionRefused:
             await self.robot.rest()
             try:
-                went_on = await attempt()
+                went_on = await self._sent(self.robot.move, motions, left)
             except MotionRefused as error:
                 return {arm: replace(results[arm], cause=error) for arm in left}
         return {arm: _joined(results[arm], result) for arm, result in went_on.items()}
+
+    async def _sent(
+        self, verb: Verb, motions: Mapping[str, Trajectory], rests: Mapping[str, _Rest]
+    ) -> Mapping[str, MotionResult]:
+        """Run motions, which may be rests of others; if they are refused, what was known of the last ones stays."""
+        known, lent = self._forget(motions)
+        self._rests |= rests
+        try:
+            return await verb(motions)
+        except TrocarError:  # nothing has moved
+            self._forget(motions)
+            self._rests |= known
+            self._lent |= lent
+            raise
 
     def _forget(self, arms: Iterable[str]) -> tuple[dict[str, _Rest], dict[str, SetPoint]]:
         """Forget, and return, what was known of these arms' last motions."""
