@@ -30,7 +30,7 @@ def made(**changes):
 def test_a_request_holds_six_finite_numbers_each(name):
     assert made(**{name: [0.0] * 6}).__getattribute__(name).dtype == np.float64
     for wrong in (np.zeros(5), np.zeros((1, 6)), [0.0, 0.0, np.nan, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, np.inf]):
-        with pytest.raises(TrocarError, match=f"{name} of a request .*give six finite numbers"):
+        with pytest.raises(TrocarError, match=f"{name} of a request must "):
             made(**{name: wrong})
 
 

@@ -18,7 +18,7 @@ from trocar.calibration.command_fit import LEVER, MET, CommandFit, Fitted
 from trocar.calibration.compensation import HysteresisState, inverse, sample_positions
 from trocar.calibration.limited_paths import HEADROOM, LimitedPaths, QuadraticSpline
 from trocar.errors import InvalidInput
-from trocar.geometry.arrays import Array
+from trocar.geometry.arrays import Array, finite
 from trocar.motion.moves import rest_to_rest
 from trocar.trajectory import Trajectory
 
@@ -70,10 +70,7 @@ class CommandRequest:
 
     def __post_init__(self) -> None:
         for name in ("q_start", "velocity_start", "lower", "upper"):
-            value = np.array(getattr(self, name), dtype=np.float64)
-            if value.shape != (6,) or not np.all(np.isfinite(value)):
-                raise InvalidInput(f"{name} of a request", f"is {value.tolist()}", "give six finite numbers")
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, finite(f"{name} of a request", getattr(self, name), 6))
         over = np.abs(self.velocity_start) / self.limits.velocity
         if over.max() > 1 + 1e-6:
             problem = f"has commands that already run at {over.max():.2f} times their limit of velocity"
@@ -87,8 +84,7 @@ class CommandPath:
     Attributes:
         commands: (t) -> (6,), from time 0; starts as asked for and ends at rest.
         desired: the requested joint motion, on the same clock.
-        deviation: (6,) largest distance of the joints from ``desired`` that the model expects, rad and m.
-        missing: (6,) the same at the end.
+        missing: (6,) how far from ``desired`` the model expects the joints at the end, rad and m.
         lacking: (6,) by how much the commands would have to leave their ranges to make up for the cables, rad and m.
         farthest: (6,) each joint's farthest command towards or beyond the ends of its range, if ranges were ignored.
         stretch: the motion was slowed down by this factor; 1 if not at all.
@@ -97,7 +93,6 @@ class CommandPath:
 
     commands: Trajectory
     desired: Trajectory
-    deviation: Array
     missing: Array
     lacking: Array
     farthest: Array
@@ -107,10 +102,6 @@ class CommandPath:
     def memory_at(self, t_s: float) -> HysteresisState:
         """Return the memory of the cables after the commands up to a time: for a stop, or another motion from there."""
         return self.memory.after(self.commands, t_s)
-
-    def joints_at(self, t_s: float) -> Array:
-        """Return where (6,) the model expects the joints at a time."""
-        return self.memory_at(t_s).joints(self.commands(t_s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,17 +316,16 @@ def _finished(found: _Fit) -> CommandPath:
     request, times = sketch.request, fit.paths.spline.times_s
     commands = fit.paths.spline.trajectory(fit.paths.points(best.x))
     desired = request.desired.stretched(found.stretch)
-    asked = desired(times)
+    goal = desired(times)[-1]
     step = _last_step(found, commands)
     if step is not None:
         commands = commands.then(step)
-        desired = desired.then(Trajectory(np.array([0.0, step.duration_s]), asked[-1][None, None]))
+        desired = desired.then(Trajectory(np.array([0.0, step.duration_s]), goal[None, None]))
     end_s = commands.duration_s
-    missing = asked[-1] - request.memory.after(commands, end_s).joints(commands(end_s))
+    missing = goal - request.memory.after(commands, end_s).joints(commands(end_s))
     return CommandPath(
         commands=commands,
         desired=desired,
-        deviation=np.abs(np.vstack([asked - fit.wanted + best.error, missing])).max(axis=0),
         missing=np.abs(missing),
         lacking=np.maximum(0.0, np.maximum(sketch.lower - sketch.farthest, sketch.farthest - sketch.upper)),
         farthest=sketch.farthest,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from trocar.geometry.arrays import Array
 from trocar.log import timed
 from trocar.motion.following import step_towards
 from trocar.robots.guarded import START_TOLERANCE, start_mismatch
-from trocar.robots.supervised import Supervised
+from trocar.robots.supervised import Supervised, Verb
 from trocar.trajectory import Trajectory
 
 CLIPPED = 5e-3
@@ -203,8 +203,7 @@ class Compensated:
         wanted = inverse(memory.model, memory.state, asked, asked - error)
         q_cmd = np.clip(wanted, model.lower + RANGE_GUARD, model.upper - RANGE_GUARD)
         commands = step_towards(q_cmd, velocity, sent.q, sent.velocity, self.limits[arm], period_s)
-        nothing = np.zeros(6)
-        return CommandPath(commands, motion, nothing, nothing, np.abs(wanted - q_cmd), wanted, 1.0, memory)
+        return CommandPath(commands, motion, np.zeros(6), np.abs(wanted - q_cmd), wanted, 1.0, memory)
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Find the commands of motions that come next, so that ``move`` starts them at once.
@@ -293,10 +292,7 @@ class Compensated:
         )
 
     async def _sent(
-        self,
-        verb: Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, MotionResult]]],
-        motions: Mapping[str, Trajectory],
-        paths: Mapping[str, CommandPath],
+        self, verb: Verb, motions: Mapping[str, Trajectory], paths: Mapping[str, CommandPath]
     ) -> Mapping[str, MotionResult]:
         """Send commands in place of the motions, all on one time scale."""
         self._keep_past(paths)
