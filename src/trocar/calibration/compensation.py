@@ -100,20 +100,22 @@ def algorithm1(model: CableModel, state: Any, q_desired: Array) -> Array:
     return q_cmd
 
 
-def exact_inverse(
-    model: Invertible,
+def inverse(
+    model: CableModel,
     state: Any,
     q_desired: Array,
     guess: Array,
     tolerance_rad: float = TOLERANCE_RAD,
     stalled_rad: float = STALLED_RAD,
-) -> tuple[Array, Array]:
-    """Return the command (6,) whose predicted joints are ``q_desired``, and the prediction.
+) -> Array:
+    """Return the command (6,) for these joints: exact, from ``guess``, if the model allows it, else by Algorithm 1.
 
-    Damped Newton steps with backtracking. The model is smooth except for kinks where a play operator starts to move,
-    and nearly flat in dead zones, which restarts escape. If no command reaches the target exactly, the one with the
-    smallest error found is returned.
+    Exact: by damped Newton steps with backtracking. The model is smooth except for kinks where a play operator starts
+    to move, and nearly flat in dead zones, which restarts escape. If no command reaches the target exactly, the one
+    with the smallest error found is returned.
     """
+    if not isinstance(model, Invertible):
+        return algorithm1(model, state, q_desired)
     q_cmd, joints, jacobian = _newton(model, state, q_desired, guess, tolerance_rad)
     miss = float(np.abs(q_desired - joints)[WRIST].max())
     if miss > stalled_rad:
@@ -124,24 +126,10 @@ def exact_inverse(
             other, other_joints, _ = _newton(model, state, q_desired, start, tolerance_rad)
             other_miss = float(np.abs(q_desired - other_joints)[WRIST].max())
             if other_miss < miss:
-                q_cmd, joints, miss = other, other_joints, other_miss
+                q_cmd, miss = other, other_miss
             if miss < stalled_rad:
                 break
-    return q_cmd, joints
-
-
-def inverse(
-    model: CableModel,
-    state: Any,
-    q_desired: Array,
-    guess: Array,
-    tolerance_rad: float = TOLERANCE_RAD,
-    stalled_rad: float = STALLED_RAD,
-) -> Array:
-    """Return the command (6,) for these joints: exact, from ``guess``, if the model allows it, else by Algorithm 1."""
-    if isinstance(model, Invertible):
-        return exact_inverse(model, state, q_desired, guess, tolerance_rad, stalled_rad)[0]
-    return algorithm1(model, state, q_desired)
+    return q_cmd
 
 
 def _newton(
