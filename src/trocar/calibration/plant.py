@@ -32,9 +32,7 @@ def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None
     Raises:
         InvalidInput: a radius is negative or the inputs are not finite.
     """
-    u, r = np.asarray(u, dtype=np.float64), np.asarray(radii, dtype=np.float64)
-    if not np.all(np.isfinite(u)):
-        raise InvalidInput("the inputs of a play operator", "hold NaN or infinity", "remove those rows")
+    u, r = finite("the inputs of a play operator", u, ...), np.asarray(radii, dtype=np.float64)
     if not np.all(r >= 0):
         raise InvalidInput("the radii of a play operator", f"are {r}", "give 0 or more")
     low, high = u - r, u + r

@@ -1,6 +1,7 @@
 """Fits that start from a prior, beside dense Bayesian regression."""
 
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -196,7 +197,7 @@ def test_a_few_rows_are_left_to_the_prior_and_many_do_without(prior, monkeypatch
     assert_allclose(model.predict(q)[:, :3] - q[:, :3], outer[:, 0] + q @ outer[:, 1:].T, atol=1e-12)
     error = model.predict(q)[:, 3:] - q[:, 3:]
     alone = own(wrist_features(q, SHAPE.a, SHAPE.b, with_spectrum(SHAPE.radii))) + [0.1, 0.2, 0.3]
-    whole = SHAPE.features(q) @ fit._weights(part, SHAPE, prior).T
+    whole = SHAPE.features(q) @ fit._explained(part, SHAPE, prior).expected.T
     assert_allclose(error, [1.0, 0.5, 0.0] * alone + [0.0, 0.5, 1.0] * whole, atol=1e-12)
 
 
@@ -231,14 +232,14 @@ def test_each_joint_is_left_to_the_map_that_predicts_it_better(prior, monkeypatc
         seen.append(len(part))
         return nothing, e + ours
 
-    def weights(part, shape, prior):
+    def explained(part, shape, prior):
         seen.append(len(part))
         found = np.zeros((3, FEATURES))
         found[:, 0] = e - 0.02 * np.array([1.0, np.sqrt(2.0), 1.0])
-        return found
+        return SimpleNamespace(expected=found)
 
     monkeypatch.setattr(fit, "fit_wrist", fit_wrist)
-    monkeypatch.setattr(fit, "_weights", weights)
+    monkeypatch.setattr(fit, "_explained", explained)
     share = fit._share(recording, SHAPE, prior)
     assert seen == [160, 160]
     own, theirs = ours - uneven[held], -0.02 * np.array([1.0, np.sqrt(2.0), 1.0]) - uneven[held]

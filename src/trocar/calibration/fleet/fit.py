@@ -81,7 +81,7 @@ def fit_from_prior(recording: Recording, prior: FleetPrior) -> PlayModel:
     if training.rows < OWN_ROWS:
         return learn_from(recording, prior).model
     shape = _shape(recording, prior)
-    weights = _weights(recording, shape, prior)
+    weights = _explained(recording, shape, prior).expected
     outer = _outer(recording, prior)
     share = _share(recording, shape, prior)
     radii = with_spectrum(shape.radii)
@@ -146,10 +146,6 @@ class _Explained:
         return np.einsum("s,sjf->jf", share / share.sum(), self.weights)
 
 
-def _weights(recording: Recording, shape: LoopShape, prior: FleetPrior) -> Array:
-    return _explained(recording, shape, prior).expected
-
-
 def _explained(recording: Recording, shape: LoopShape, prior: FleetPrior, sd_rad: Array | None = None) -> _Explained:
     """Return how well a shape of loops explains the measurements.
 
@@ -203,7 +199,7 @@ def _share(recording: Recording, shape: LoopShape, prior: FleetPrior) -> Array:
     radii = with_spectrum(shape.radii)
     own, constant = fit_wrist(first, shape.a, shape.b, radii)
     ours = np.mean((own(wrist_features(q, shape.a, shape.b, radii)[held]) + constant - true) ** 2, axis=0)
-    priors = np.mean((shape.features(q)[held] @ _weights(first, shape, prior).T - true) ** 2, axis=0)
+    priors = np.mean((shape.features(q)[held] @ _explained(first, shape, prior).expected.T - true) ** 2, axis=0)
     return 1.0 / (1.0 + (priors / ours) ** SHARPNESS)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -61,11 +60,10 @@ class LstmModel(WithOffset):
         mean, scale = x[:, -1].mean(axis=0), _scale(x[:, -1])
         offset, error_scale = error.mean(axis=0), _scale(error)
         try:
-            # Looked up by name, so that using a trained network imports no framework.
-            trainer = importlib.import_module("trocar.calibration.lstm_training")
+            from trocar.calibration.lstm_training import train  # using a trained network imports no framework
         except ModuleNotFoundError as missing:
             raise InvalidInput("training 'lstm'", f"needs {missing.name!r}", f"{how_to_install('learn')}") from None
-        weights = trainer.train((x - mean) / scale, (error - offset) / error_scale, HIDDEN, rng)
+        weights = train((x - mean) / scale, (error - offset) / error_scale, HIDDEN, rng)
         return cls(weights, mean, scale, error_scale, offset, training)
 
     def predict(self, q_cmd: Array) -> Array:
