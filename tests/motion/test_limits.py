@@ -118,10 +118,10 @@ def test_all_ratios_and_ranges_must_be_kept():
 def test_a_range_may_not_be_left(joint, sign):
     q = np.tile(ARM.middle, (2, 1))
     q[1, joint] = (ARM.upper if sign > 0 else ARM.lower)[joint]
-    require_range(ARM, Trajectory.hermite([0.0, 1.0], q, np.zeros((2, 6))))
+    require_range(ARM, limit_use(ARM, Trajectory.hermite([0.0, 1.0], q, np.zeros((2, 6))), LIMITS))
     q[1, joint] += sign * 1e-6
     with pytest.raises(TrocarError, match=f"takes joint '{ARM.joints[joint].name}' .* out of its range"):
-        require_range(ARM, Trajectory.hermite([0.0, 1.0], q, np.zeros((2, 6))))
+        require_range(ARM, limit_use(ARM, Trajectory.hermite([0.0, 1.0], q, np.zeros((2, 6))), LIMITS))
 
 
 def test_a_motion_whose_times_do_not_start_at_nothing_is_measured_too():

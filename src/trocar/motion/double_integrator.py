@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms import MotionLimits
 from trocar.geometry.arrays import Array
+from trocar.motion.limits import KEPT
 from trocar.trajectory import Trajectory
 
 Phases = list[tuple[float, float]]  # duration in s and acceleration of each phase, in order
@@ -18,7 +19,6 @@ APART_S = 1e-9  # knots closer than this count as one
 NO_WAY = 1e-15  # distances (rad, m) below this count as zero
 STILL = 1e-12  # share of a velocity limit that counts as rest
 ROUNDING = 1e-12  # share of a distance that counts as rounding
-KEPT = 1 + 1e-9  # an acceleration up to this share of the limit counts as keeping it, because roots are rounded
 
 
 def shortest_rest_to_rest_s(distance: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> Array:

@@ -93,10 +93,8 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     return LimitUse(speed, push, jerk, beyond)
 
 
-def require_range(arm: ArmModel, trajectory: Trajectory) -> None:
-    """Raise if a joint leaves its range anywhere on the trajectory."""
-    any_limits = MotionLimits(np.ones(len(arm.joints)), np.ones(len(arm.joints)))
-    use = limit_use(arm, trajectory, any_limits)
+def require_range(arm: ArmModel, use: LimitUse) -> None:
+    """Raise if a joint leaves its range anywhere on the trajectory that was measured."""
     for joint, excess in zip(arm.joints, use.range_excess, strict=True):
         if excess > 0.0:
             sentence = (

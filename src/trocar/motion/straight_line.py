@@ -59,7 +59,7 @@ def straight(arm: ArmModel, q: ArrayLike, displacement_m: ArrayLike, limits: Mot
     use = limit_use(arm, Trajectory.hermite(times, path, rate[:, None] * tangent), limits)
     stretch = max(use.velocity_ratio, np.sqrt(use.acceleration_ratio))
     trajectory = Trajectory.hermite(stretch * times, path, rate[:, None] / stretch * tangent)
-    require_range(arm, trajectory)
+    require_range(arm, limit_use(arm, trajectory, limits))
     return trajectory
 
 

@@ -309,8 +309,8 @@ class Guarded:
             joint = guard.model.joints[int(np.argmax(kick / guard.limits.acceleration))]
             problem = f"starts with a jump in the velocity of joint {joint.name!r}"
             raise StartMismatch(name, problem, "start it with the velocity of its set-point")
-        require_range(guard.model, trajectory)
         use = limit_use(guard.model, trajectory, guard.limits)
+        require_range(guard.model, use)
         return max(use.velocity_ratio, math.sqrt(use.acceleration_ratio))
 
     def _require_workspace(self, name: str, trajectory: Trajectory) -> None:
