@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simulated import coarse
 from trocar.collect.checkerboard import register_cell
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.lab import load_station
-from trocar.perception.image import StereoRig
 
 SEED, VIEWS = 4, 8
 
@@ -17,11 +17,8 @@ SEED, VIEWS = 4, 8
 @pytest.fixture(scope="module")
 def station():
     """The pair at half its resolution."""
-    station = load_station("raven-pair")
-    camera = station.cameras["stereo"]
-    rig = StereoRig(camera.model.left.binned(2), camera.model.right.binned(2), camera.model.T_left_right)
-    how = replace(station.registration, views=VIEWS)
-    return replace(station, cameras={"stereo": replace(camera, model=rig)}, registration=how)
+    station = coarse(load_station("raven-pair"))
+    return replace(station, registration=replace(station.registration, views=VIEWS))
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from trocar.lab import SensorFlaws, load_station
 from trocar.lab.session import draw_session
 from trocar.perception.fiducial_joints import GOOD, NOTHING
 from trocar.perception.fiducials import SIX_SPHERES
+from trocar.perception.image import Window
 from trocar.perception.spheres import find_spheres
 from trocar.sim.calibration_cells import FiducialCell
 
@@ -97,7 +98,7 @@ def test_a_sphere_behind_another_is_not_reported(collected):
     for q in rng.uniform(PSM1_BOX.lower, PSM1_BOX.upper, (25, 6)):
         around = one.view.bounds_px(q)
         first, last = (corner.clip(0, size).astype(int) for corner in around)
-        found = find_spheres(cell.image(q, tuple(first), tuple(last - first), rng), SIX_SPHERES)
+        found = find_spheres(cell.image(q, Window(tuple(first), tuple(last - first)), rng), SIX_SPHERES)
         error = np.linalg.norm(found - true_centers_m("psm1", cell, q), axis=-1)
         hidden += int(np.isnan(error).sum())
         assert not (error > 1e-3).any()
@@ -107,15 +108,15 @@ def test_a_sphere_behind_another_is_not_reported(collected):
 def test_a_rectangle_of_the_image_is_what_the_whole_one_shows_there():
     cell = FiducialCell(SESSION, "psm1", "overhead", SIX_SPHERES, np.random.default_rng(0), SensorFlaws.none())
     q, lens = PSM1_BOX.lower + 0.4 * (PSM1_BOX.upper - PSM1_BOX.lower), STATION.cameras["overhead"].model
-    whole = cell.image(q, (0, 0), (lens.width, lens.height), np.random.default_rng(0))
-    part = cell.image(q, (200, 40), (450, 350), np.random.default_rng(0))
+    whole = cell.image(q, Window((0, 0), (lens.width, lens.height)), np.random.default_rng(0))
+    part = cell.image(q, Window((200, 40), (450, 350)), np.random.default_rng(0))
     np.testing.assert_array_equal(part.color, whole.color[40:390, 200:650])
     np.testing.assert_array_equal(part.depth_m, whole.depth_m[40:390, 200:650])
     both = [find_spheres(image, SIX_SPHERES) for image in (whole, part)]
     assert np.isfinite(both[1]).all(-1).sum() >= 4
     np.testing.assert_allclose(*both, atol=0.03e-3)
     with pytest.raises(TrocarError, match=r"250 x 200 pixels at \(800, 100\) leaves the image"):
-        cell.image(q, (800, 100), (250, 200), np.random.default_rng(0))
+        cell.image(q, Window((800, 100), (250, 200)), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("arm", LOOKED_AT)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from simulated import ideal_session
+from simulated import coarse, ideal_session
 from trocar.arms import ARMS, fk
 from trocar.calibration.excitation import PSM1_BOX, WIDE_ROWS
 from trocar.errors import TrocarError
@@ -16,7 +16,7 @@ from trocar.lab.transmission import Stiff
 from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.fiducials import COLORS, SIX_SPHERES
-from trocar.perception.image import StereoRig
+from trocar.perception.image import StereoRig, Window
 from trocar.perception.stereo_calibration import find_corners
 from trocar.sim.calibration_cells import CheckerboardCell, EmptyTable, FiducialCell, printed, record_motion
 from trocar.sim.world import World
@@ -30,10 +30,7 @@ TABLE_Z_M, DISTANCE_M = -0.162, 0.232
 @pytest.fixture(scope="module")
 def station():
     """The pair at half its resolution."""
-    station = load_station("raven-pair")
-    camera = station.cameras["stereo"]
-    rig = StereoRig(camera.model.left.binned(2), camera.model.right.binned(2), camera.model.T_left_right)
-    return replace(station, cameras={"stereo": replace(camera, model=rig)})
+    return coarse(load_station("raven-pair"))
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +164,7 @@ def test_its_camera_has_the_stations_flaws_or_others(day, flaws):
     assert cell._camera.lenses[0].flaws == (flaws or day.station.cameras["overhead"].flaws)
     assert cell.fixture != SIX_SPHERES, "what was printed"
     q = day.station.arms["psm1"].park_q()
-    image = cell.image(q, (5, 7), (20, 30), rng)
+    image = cell.image(q, Window((5, 7), (20, 30)), rng)
     assert image.depth_m.shape == (30, 20)
 
 

@@ -16,6 +16,7 @@ from rich.table import Table
 from trocar.calibration.evaluation import Evaluation, draw_evaluation, evaluate
 from trocar.calibration.models import MODELS, save_model
 from trocar.calibration.recording import JOINT_NAMES, Recording
+from trocar.collect.checkerboard import apart
 from trocar.collect.collection import Collection
 from trocar.collect.plan import CollectionPlan
 from trocar.files.output import write_figure
@@ -217,8 +218,4 @@ def _rms(errors: Array) -> Array:
 
 def _off(T_camera_base: SE3, found: SE3) -> dict[str, float]:
     """Return how far a base was found off another pose."""
-    off = T_camera_base.inverse() @ found
-    return {
-        "off_mm": 1e3 * float(np.linalg.norm(off.translation_m)),
-        "off_deg": float(np.degrees(off.rotation.angle())),
-    }
+    return {f"off_{unit}": by for unit, by in apart(T_camera_base, found).items()}

@@ -5,7 +5,7 @@ Kehoe et al. 2014, IV-B: the poses of the bases relative to each other follow fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from trocar.collect.plan import Listener
 from trocar.errors import InvalidInput
 from trocar.files.output import write_figure
 from trocar.geometry import SE3
@@ -40,7 +41,6 @@ PLACES_M = (0.04, 0.03, 0.02)
 """Half sides of the box round the board in which position errors are evaluated, along the board's axes."""
 BRIGHTEST = 230  # grey level that the brightest pixels of a picture get
 MARGIN_PX = 90  # margin round the corners in a picture
-Listener = Callable[[int, int], None]  # called with the number of images done and of all images
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +79,12 @@ class CellRegistration:
         for name, arm in arms.items():
             T_camera_base = seen_by.T_world_camera.inverse() @ arm.T_world_base
             T_camera_found = self.T_world_camera.inverse() @ self.T_world_base[name]
-            found["camera_to_base"][name] = _apart(T_camera_base, T_camera_found)
+            found["camera_to_base"][name] = apart(T_camera_base, T_camera_found)
             found["places_mm"][name] = 1e3 * self._places_off_m(T_camera_base, T_camera_found)
             if name != first:
                 T_first_base = arms[first].T_world_base.inverse() @ arm.T_world_base
                 T_first_found = self.T_world_base[first].inverse() @ self.T_world_base[name]
-                found["base_to_base"][name] = _apart(T_first_base, T_first_found)
+                found["base_to_base"][name] = apart(T_first_base, T_first_found)
         return found
 
     def _places_off_m(self, T_camera_base: SE3, T_camera_found: SE3) -> float:
@@ -114,7 +114,7 @@ class CellRegistration:
         }
 
 
-def _apart(true: SE3, found: SE3) -> dict[str, float]:
+def apart(true: SE3, found: SE3) -> dict[str, float]:
     """Return by what distance and angle a pose differs from the true one."""
     off = true.inverse() @ found
     return {"mm": 1e3 * float(np.linalg.norm(off.translation_m)), "deg": float(np.degrees(off.rotation.angle()))}

@@ -99,8 +99,7 @@ class Collection(CollectionPlan):
         if self._cell is None:
             rng = np.random.default_rng(self._printer)
             self._cell = FiducialCell(self._session, self.arm, self._camera, self.fixture, rng, self._flaws)
-        window, rng = self.window(row), np.random.default_rng(self._row_seeds[row])
-        return self._cell.image(self._q_joint[row], window.corner_px, window.size_px, rng)
+        return self._cell.image(self._q_joint[row], self.window(row), np.random.default_rng(self._row_seeds[row]))
 
     def look(self, row: int) -> Array:
         """Return the spheres' centres (k, 3) in the camera frame after this row's command, as found in its image."""

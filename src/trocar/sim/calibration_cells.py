@@ -101,18 +101,12 @@ class FiducialCell:
         self._camera = CameraRenderer(self._world.model, seen_by, session.T_world_camera[camera], flaws)
         mujoco.mj_kinematics(self._world.model, self._world.data)
 
-    def image(
-        self,
-        q_joint: Array,
-        corner_px: tuple[int, int],
-        size_px: tuple[int, int],
-        rng: np.random.Generator,
-    ) -> RgbdImage:
-        """Return a rectangle of the image of the arm at rest at these true joints (6,), jaws closed on the fixture."""
+    def image(self, q_joint: Array, window: Window, rng: np.random.Generator) -> RgbdImage:
+        """Return a window of the image of the arm at rest at these true joints (6,), jaws closed on the fixture."""
         data = self._world.data
         data.qpos[self._joints] = q_joint
         mujoco.mj_kinematics(self._world.model, data)
-        image = self._camera.image(data, rng, Window(corner_px, size_px))
+        image = self._camera.image(data, rng, window)
         assert isinstance(image, RgbdImage)  # __init__ has checked the camera
         return image
 
