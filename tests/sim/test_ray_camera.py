@@ -89,7 +89,7 @@ def test_the_projector_leaves_a_shadow_without_depth(lamp_m):
 def test_refuses_a_pose_that_is_none():
     model, _ = state(SPHERE)
     with pytest.raises(TrocarError, match="one finite pose"):
-        RayCamera(model, SMALL, SE3.identity((2,)), LAMP_M)
+        RayCamera(model, SMALL, SE3.identity((2,)), LAMP_M, SensorFlaws())
 
 
 SHOWER = """<mujoco><asset><mesh name="cone" vertex="0 0 0 .12 0 0 0 .05 0 0 0 .03"/></asset><worldbody>

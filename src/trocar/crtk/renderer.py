@@ -22,7 +22,7 @@ from trocar.lab.topics import Topics
 from trocar.perception.image import Image as Taken
 from trocar.perception.image import StereoImage, StereoRig
 from trocar.sim.cameras import CameraRenderer
-from trocar.sim.copy import WorldCopy
+from trocar.sim.world import WorldCopy
 
 PRIORITY = 1
 """Behind the arms, before everything ordinary: a real camera does not wait for the computer of its user."""

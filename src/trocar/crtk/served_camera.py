@@ -16,8 +16,8 @@ from trocar.errors import InvalidValue, MachineError
 from trocar.eval.staged import Files
 from trocar.lab.topics import Topics
 from trocar.robots import TICK_S
-from trocar.sim.copy import state_of
 from trocar.sim.laboratory import SimLaboratory
+from trocar.sim.world import state_of
 
 AHEAD = 2
 """Images that may be asked of the renderer before it has published the first of them."""

@@ -47,7 +47,7 @@ class RayCamera:
         intrinsics: Intrinsics,
         T_world_camera: SE3,
         lamp_m: ArrayLike,
-        flaws: SensorFlaws | None = None,
+        flaws: SensorFlaws,
         light: Light | None = None,
         finish: Appearance | None = None,
     ):
@@ -55,7 +55,7 @@ class RayCamera:
             raise InvalidInput("T_world_camera of a camera", "is not one finite pose (4, 4)", "give one")
         self.model, self.intrinsics, self.T_world_camera = model, intrinsics, T_world_camera
         self._lamp_m, self._finish = np.asarray(lamp_m, dtype=np.float64), finish
-        self.flaws = SensorFlaws() if flaws is None else flaws
+        self.flaws = flaws
         self.light = Light() if light is None else light
         R = T_world_camera.rotation.matrix
         self._T_world_projector = SE3.from_parts(T_world_camera.rotation, T_world_camera.apply(self._lamp_m))

@@ -227,3 +227,30 @@ class World:
         """Let the bodies come to rest, then start the clock at zero."""
         self.step(round(seconds / TIMESTEP_S))
         self.data.time = 0.0
+
+
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+def state_of(world: World) -> bytes:
+    """Return everything that determines the physics from here on, so that another process can see it: kilobytes."""
+    state = np.empty(mujoco.mj_stateSize(world.model, STATE))
+    mujoco.mj_getState(world.model, world.data, state, STATE)
+    return state.tobytes()
+
+
+class WorldCopy:
+    """The bodies of a world in another process.
+
+    Attributes:
+        data: of the physics; its bodies are in their places.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        self._model, self.data = model, mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self.data)
+
+    def put(self, state: bytes) -> None:
+        """Bring it into a state that :func:`state_of` returned."""
+        mujoco.mj_setState(self._model, self.data, np.frombuffer(state), STATE)
+        mujoco.mj_kinematics(self._model, self.data)
