@@ -167,12 +167,5 @@ def reaches(arm: StationArm, p_world_m: Array, turns: Sequence[SO3] = STRAIGHT) 
         turns: rotations of the tip against the base; one that can be reached is enough.
     """
     p_base = arm.T_world_base.inverse().apply(p_world_m)
-    return np.array([any(_reaches(arm, SE3.from_parts(turn, p)) for turn in turns) for p in p_base], dtype=bool)
-
-
-def _reaches(arm: StationArm, T_base_tip: SE3) -> bool:
-    try:
-        ik(arm.model, T_base_tip)
-    except OutOfReach:
-        return False
-    return True
+    found = [ik(arm.model, SE3.from_parts(turn, p_base), unreachable="nan") for turn in turns]
+    return np.asarray(np.isfinite(found).all(axis=-1).any(axis=0))

@@ -108,8 +108,7 @@ class PoseTable(Table):
     def T(self) -> SE3:
         """Return the pose."""
         if self.rotation is not None:
-            u, _, vt = np.linalg.svd(np.array(self.rotation, dtype=np.float64))
-            turn = SO3.unchecked(u @ vt)
+            turn = SO3.nearest(self.rotation)
         else:
             roll, pitch, yaw = np.radians(self.rpy_deg or np.zeros(3))
             turn = SO3.axis("z", yaw) @ SO3.axis("y", pitch) @ SO3.axis("x", roll)
