@@ -1,10 +1,12 @@
-"""Requests used by several tests of planners."""
+"""Requests used by several tests of planners, and a planner to be spoilt."""
+
+from itertools import pairwise
 
 import numpy as np
 
 from trocar.arms import ARMS, MOTION_LIMITS, ik
 from trocar.geometry import SE3, SO3
-from trocar.motion import ArmMotion
+from trocar.motion import ArmMotion, TimedPath, move_to
 
 PSM = ARMS["psm-classic"]
 PAPER = MOTION_LIMITS["paper"]
@@ -40,3 +42,16 @@ def transfer(T_world_base, pick_m, place_m, turn_rad=0.0, lift_m=0.03, **asked):
     """A transfer from one place (x, y) of the table to another."""
     places = [[*pick_m, 0.0], [*pick_m, lift_m], [*place_m, lift_m], [*place_m, 0.0]]
     return over_the_table(T_world_base, places, turn_rad, **asked)
+
+
+def stops(problem):
+    """A sound planner: it comes to rest at every waypoint."""
+    return {
+        name: TimedPath.joined(
+            [
+                move_to(a, arm.start_velocity * (k == 0), b, arm.limits)
+                for k, (a, b) in enumerate(pairwise(arm.waypoints))
+            ]
+        )
+        for name, arm in problem.arms.items()
+    }

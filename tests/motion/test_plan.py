@@ -1,5 +1,4 @@
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -17,29 +16,15 @@ from trocar.motion import (
     MovingArm,
     TimedPath,
     ignores,
-    move_to,
     plan_motion,
     plan_through,
     rest_to_rest,
     straight,
 )
-from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, over_the_table, transfer
+from waypoints import FOUR, LEFT, PAPER, PSM, RIGHT, over_the_table, stops, transfer
 
 ASIDE_LEFT = transfer(LEFT, (-0.06, 0.0), (-0.03, 0.01))
 ASIDE_RIGHT = transfer(RIGHT, (0.06, 0.0), (0.03, 0.01))
-
-
-def stops(problem):
-    """A sound planner to be spoilt: it comes to rest at every waypoint."""
-    return {
-        name: TimedPath.joined(
-            [
-                move_to(a, arm.start_velocity * (k == 0), b, arm.limits)
-                for k, (a, b) in enumerate(pairwise(arm.waypoints))
-            ]
-        )
-        for name, arm in problem.arms.items()
-    }
 
 
 def asking(motion=None, **asked):

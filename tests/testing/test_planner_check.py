@@ -1,13 +1,12 @@
 """Every planner passes on every arm; one that breaks a promise is found out."""
 
-from itertools import pairwise
-
 import pytest
 
 from trocar.arms import ARMS
 from trocar.errors import NoPlan
-from trocar.motion import PLANNERS, TimedPath, ignores, move_to
+from trocar.motion import PLANNERS, TimedPath, ignores
 from trocar.testing import CheckFailed, check_planner
+from waypoints import stops
 
 PSM = [ARMS["psm-classic"]]
 
@@ -16,18 +15,6 @@ PSM = [ARMS["psm-classic"]]
 @pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
 def test_every_planner_passes_on_every_arm(planner, arm):
     assert check_planner(planner, [arm], problems=10) > 0
-
-
-def stops(problem):
-    return {
-        name: TimedPath.joined(
-            [
-                move_to(a, arm.start_velocity * (k == 0), b, arm.limits)
-                for k, (a, b) in enumerate(pairwise(arm.waypoints))
-            ]
-        )
-        for name, arm in problem.arms.items()
-    }
 
 
 def test_a_function_can_be_checked_before_it_is_registered():
