@@ -24,7 +24,6 @@ from trocar.tasks.suture.planning.pull import (
     plan_pull,
     room_rad,
     tail_out_rad,
-    tip_in_again_rad,
 )
 from trocar.tasks.suture.task import CircleSutures
 
@@ -40,11 +39,16 @@ def heights_m(grip, turns_rad, at_rad):
     return grip.T_circle_needle(np.atleast_1d(turns_rad)).apply(NEEDLE.point_m(np.atleast_1d(at_rad)))[:, 2]
 
 
+def tip_in_again_rad():
+    """Return the needle's rotation at which its tip, having come round, would go into the tissue again."""
+    return 2 * np.pi - TASK.setup.exit_turn_rad + 2.0 * TASK.setup.insertion.entry_angle_rad
+
+
 def test_tail_and_tip_cross_the_surface_where_it_is_said():
     grip = PULLS[0].grips[0]
     assert heights_m(grip, tail_out_rad(TASK.setup), NEEDLE.arc_rad) == pytest.approx(0.0, abs=1e-9)
-    assert heights_m(grip, tip_in_again_rad(TASK.setup), 0.0) == pytest.approx(0.0, abs=1e-9)
-    assert heights_m(grip, tip_in_again_rad(TASK.setup) + 0.1, 0.0) < 0.0
+    assert heights_m(grip, tip_in_again_rad(), 0.0) == pytest.approx(0.0, abs=1e-9)
+    assert heights_m(grip, tip_in_again_rad() + 0.1, 0.0) < 0.0
 
 
 @pytest.mark.parametrize("planned", PULLS, ids=str)
@@ -53,7 +57,7 @@ def test_the_grips_follow_each_other_from_where_the_first_arm_stops_to_where_lit
     assert one.turn_rad[0] == pytest.approx(TASK.setup.insertion.turn_rad)
     assert one.turn_rad[1] == two.turn_rad[0]
     assert two.turn_rad[1] == pytest.approx(tail_out_rad(TASK.setup) - DRAWN_RAD)
-    assert two.turn_rad[1] < tip_in_again_rad(TASK.setup)
+    assert two.turn_rad[1] < tip_in_again_rad()
     for grip in planned.grips:
         assert grip.setup.grasp.holdable
 

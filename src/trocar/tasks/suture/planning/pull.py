@@ -121,16 +121,6 @@ def tail_out_rad(setup: SutureSetup) -> float:
     return setup.exit_turn_rad + setup.needle.arc_rad
 
 
-def tip_in_again_rad(setup: SutureSetup) -> float:
-    """Return the needle's rotation at which its tip, having come round, would go into the tissue again."""
-    return TURN - setup.exit_turn_rad + 2.0 * setup.insertion.entry_angle_rad
-
-
-def with_puller(setup: SutureSetup, arm: ArmModel, T_world_base: SE3, grasp: NeedleGrasp) -> SutureSetup:
-    """Return the geometry with the second arm in place of the first."""
-    return replace(setup, arm=arm, T_world_base=T_world_base, grasp=grasp)
-
-
 def plan_pull(
     suture: Suture,
     arm: ArmModel,
@@ -153,71 +143,49 @@ def plan_pull(
     Raises:
         OutOfReach: there are no such grasps.
     """
-    setup = suture.setup
-    start, end = setup.insertion.turn_rad, tail_out_rad(setup) - DRAWN_RAD
+    mine = replace(suture, setup=replace(suture.setup, arm=arm, T_world_base=T_world_base))
+    start, end = mine.setup.insertion.turn_rad, tail_out_rad(mine.setup) - DRAWN_RAD
     holds, leaves, best = holding_still(suture), _going_home(suture, first_home_q), None
     for share in SHARES:
         middle = start + share * (end - start)
         parts = zip(((start, middle), (middle, end)), BEHIND_TIP_RAD, strict=True)
-        grips = [_best_grip(suture, arm, T_world_base, ends, behind) for ends, behind in parts]
+        grips = [next(_grips(mine, *part), None) for part in parts]
         room = min(grip.room_rad if grip else 0.0 for grip in grips)
         if room > ROOM_RAD and (best is None or room > best[0]):
             best = room, middle
     if best is not None:
-        one = _best_grip(suture, arm, T_world_base, (start, best[1]), BEHIND_TIP_RAD[0], (holds, leaves))
+        grips = _grips(mine, (start, best[1]), BEHIND_TIP_RAD[0])
+        one = next((grip for grip in grips if _apart_m(grip, holds, leaves) >= APART_M), None)
         if one:
-            return Pull(
-                (one, _preferred(suture, arm, T_world_base, (best[1], end), worth)), _apart_m(one, holds, leaves)
-            )
+            two = _preferred(_grips(mine, (best[1], end), BEHIND_TIP_RAD[1]), worth)
+            return Pull((one, two), _apart_m(one, holds, leaves))
     raise OutOfReach(f"the second arm cannot pull the needle through at {suture}; place it elsewhere")
 
 
-def _best_grip(
-    suture: Suture,
-    arm: ArmModel,
-    T_world_base: SE3,
-    turn_rad: tuple[float, float],
-    behind_tip_rad: tuple[float, ...],
-    first: tuple[Capsules, Capsules] | None = None,
-) -> Grip | None:
-    """Return the grip with most room on a part of the needle's rotation, clear of the first arm; None: none has enough.
+def _preferred(grips: Iterator[Grip], worth: Callable[[SutureSetup], float] | None) -> Grip:
+    """Return which of these, the one with most room first, leaves most room in it and in what comes after it."""
 
-    The first arm is given as it holds the needle, and on its way home.
-    """
-    for grip in _grips(suture, arm, T_world_base, turn_rad, behind_tip_rad):
-        if first is None or _apart_m(grip, *first) >= APART_M:
-            return grip
-    return None
+    def whole_room_rad(grip: Grip) -> float:
+        return grip.room_rad if worth is None else min(grip.room_rad, worth(grip.setup))
 
-
-def _preferred(
-    suture: Suture,
-    arm: ArmModel,
-    T_world_base: SE3,
-    turn_rad: tuple[float, float],
-    worth: Callable[[SutureSetup], float] | None,
-) -> Grip:
-    """Return the second grip that leaves most room, in it and in what comes after it."""
-    best, found = 0.0, None
-    for grip in _grips(suture, arm, T_world_base, turn_rad, BEHIND_TIP_RAD[1]):
-        if found is not None and grip.room_rad <= best:
+    found = next(grips)
+    best = whole_room_rad(found)
+    for grip in grips:
+        if grip.room_rad <= best:
             break
-        room = grip.room_rad if worth is None else min(grip.room_rad, worth(grip.setup))
-        if found is None or room > best:
+        if (room := whole_room_rad(grip)) > best:
             best, found = room, grip
-    if found is None:
-        raise OutOfReach(f"the second arm cannot pull the needle through at {suture}; place it elsewhere")
     return found
 
 
-def _grips(
-    suture: Suture, arm: ArmModel, T_world_base: SE3, turn_rad: tuple[float, float], behind_tip_rad: tuple[float, ...]
-) -> Iterator[Grip]:
-    """Yield the grips on a part of the needle's rotation that leave enough room, the one with most of it first."""
-    setup = suture.setup
+def _grips(mine: Suture, turn_rad: tuple[float, float], behind_tip_rad: tuple[float, ...]) -> Iterator[Grip]:
+    """Yield grips with enough room on a part of the needle's rotation, the one with most of it first.
+
+    The suture is with the second arm, in any grasp.
+    """
+    setup, arm = mine.setup, mine.setup.arm
     grasps, in_needle = _grasps(setup.needle, behind_tip_rad)
-    any_grasp = with_puller(setup, arm, T_world_base, grasps[0])
-    at_needle = needle_poses(setup, setup.insertion.straight_m, np.linspace(*turn_rad, 12)).matrix[suture.row]
+    at_needle = needle_poses(setup, setup.insertion.straight_m, np.linspace(*turn_rad, 12)).matrix[mine.row]
     opened = np.isin(np.arange(12), (0, 11))
     poses = at_needle @ in_needle[:, None]
     places = np.flatnonzero((fingers_above_m(arm, SE3.unchecked(poses), opened) > OVER_TISSUE_M).all(1))
@@ -228,15 +196,14 @@ def _grips(
     back[:, :, :3, 3] += COMES_FROM_M * back[:, :, :3, 2]
     back[:, 0, 2, 3] += COMES_DOWN_M
     back[:, 3, 2, 3] += COMES_DOWN_M
-    T_base_theta = any_grasp.T_base_circle @ SE3.from_parts(SO3.axis("z", suture.theta_rad))
+    T_base_theta = setup.T_base_circle @ SE3.from_parts(SO3.axis("z", mine.theta_rad))
     q = ik_unbounded(arm, T_base_theta @ SE3.unchecked(np.concatenate([back[:, :2], poses, back[:, 2:]], axis=1)))
-    free = (over_tissue_m(any_grasp, q) > OVER_TISSUE_M) & (wrist_inside_m(any_grasp, q) > 0.0)
+    free = (over_tissue_m(setup, q) > OVER_TISSUE_M) & (wrist_inside_m(setup, q) > 0.0)
     room = np.where(free.all(1), room_rad(arm, q).min(1), 0.0)
     for k in np.argsort(-room):
         if room[k] < ROOM_RAD:
             return
-        mine = replace(suture, setup=replace(any_grasp, grasp=grasps[places[k]]))
-        yield Grip(mine, turn_rad, float(room[k]))
+        yield Grip(replace(mine, setup=replace(setup, grasp=grasps[places[k]])), turn_rad, float(room[k]))
 
 
 def _apart_m(grip: Grip, holds: Capsules, leaves: Capsules) -> float:
