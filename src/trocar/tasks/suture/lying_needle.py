@@ -35,12 +35,10 @@ class LyingNeedle:
 
     Attributes:
         center_m: (2,) centre of its arc, in the floor's frame.
-        middle_rad: direction from there to the middle of its wire.
         pixels: number of pixels that show it.
     """
 
     center_m: NDArray[np.float64]
-    middle_rad: float
     pixels: int
 
 
@@ -74,11 +72,9 @@ def find_lying(
         return None
     angles = np.sort(np.arctan2(wire[:, 1], wire[:, 0]))
     gaps = np.diff(np.append(angles, angles[0] + TURN))
-    widest = int(np.argmax(gaps))
-    if abs(TURN - gaps[widest] - needle.arc_rad) > ARC_RAD:
+    if abs(TURN - gaps.max() - needle.arc_rad) > ARC_RAD:
         return None
-    opening_rad = float(angles[widest] + gaps[widest] / 2)
-    return LyingNeedle(center, (opening_rad + TURN) % TURN - math.pi, len(wire))
+    return LyingNeedle(center, len(wire))
 
 
 def _center(places_m: NDArray[np.float64], radius_m: float) -> NDArray[np.float64] | None:

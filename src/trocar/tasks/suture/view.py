@@ -222,8 +222,7 @@ class PlanView:
 
 def needle_mesh(needle: Needle) -> Mesh:
     """Return the needle, with a pointed tip, in its own frame."""
-    angle = -np.linspace(0.0, needle.arc_rad, 49)
-    line = needle.radius_m * np.stack([np.sin(angle), -np.cos(angle), 0 * angle], -1)
+    line = needle.point_m(np.linspace(0.0, needle.arc_rad, 49))
     radii = np.full(len(line), needle.wire_m / 2)
     radii[:3] *= [0.05, 0.45, 0.85]
     return tube(line, radii, sides=12)

@@ -27,7 +27,6 @@ from trocar.tasks.suture.stand import PHANTOM_M, STAND_M, T_stand_needle
 PHANTOM_RGB = (0.86, 0.64, 0.55)
 NEEDLE_RGB = (0.75, 0.77, 0.80)
 MARK_RGB = (0.20, 0.25, 0.55)
-TABLE_RGB = (0.30, 0.33, 0.36)
 MARKS = 72
 """Number of dashes with which the circle on the phantom is drawn."""
 STEEL_KG_M3 = 7900.0
@@ -35,8 +34,6 @@ ASIDE_M = (0.075, 0.060, 0.010)
 """Where a person keeps the needle until the jaws ask for it, in the circle's frame."""
 LOADING_S = 1.0
 """Time that a person takes to load the needle (assumed; reported as a separate part)."""
-
-
 DRAG_NS_M = 20.0
 """Viscous drag on the needle's centre while a part of it is below the surface: .2 N at 10 mm/s (assumed; there are no
 tissue mechanics: the phantom bears a needle's weight and drags on it)."""

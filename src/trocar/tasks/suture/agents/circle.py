@@ -123,8 +123,7 @@ class CircleSuturing:
         base = cell.T_world_base_registered[self.hand.name]
         setup = replace(planned, arm=self.arm, T_world_base=base, circle=circle)
         self.sutures: list[Suture] = [replace(suture, setup=setup) for suture in context.goals]
-        looking = (settings.images, settings.sighting_budget_s, settings.start_budget_s)
-        self.tracker = NeedleTracker(cell, self.hand, setup, *looking) if settings.images else None
+        self.tracker = NeedleTracker(cell, self.hand, setup, settings) if settings.images else None
 
     def require_help(self, cell: Cell) -> None:
         """Raise unless somebody loads the needle."""

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ from trocar.tasks.suture.perception import NeedleSighting, floor_height_m, searc
 from trocar.tasks.suture.planning.primitive import driven_steps, grasp_pose
 from trocar.tasks.suture.planning.segments import Segment
 from trocar.tasks.suture.planning.setup import SutureSetup
+
+if TYPE_CHECKING:
+    from trocar.tasks.suture.agents.circle import Settings
 
 MISLOADED_M, MISLOADED_RAD = 2.5e-3, 0.25
 """A needle that lies this far from where a person should have put it is loaded again."""
@@ -144,9 +148,7 @@ class NeedleTracker:
         cell: with a camera that shows depth.
         hand: the arm.
         setup: of the sutures, with the registered base and circle.
-        images: number per look.
-        budget_s: declared for finding the needle in them.
-        start_budget_s: declared in addition for each further pose from which it is searched for.
+        settings: number of images per look, and what is declared for finding the needle in them.
         others: other arms, which may hide the needle.
 
     Attributes:
@@ -166,9 +168,7 @@ class NeedleTracker:
         cell: Cell,
         hand: ArmScript,
         setup: SutureSetup,
-        images: int,
-        budget_s: float,
-        start_budget_s: float,
+        settings: Settings,
         others: Sequence[ArmScript] = (),
     ):
         lenses = {name: lens for name, camera in cell.cameras.items() if isinstance(lens := camera.model, Intrinsics)}
@@ -177,10 +177,8 @@ class NeedleTracker:
         T_world_camera, p_circle_m = cell.T_world_camera_registered, cell.T_world_fixture["circle"].translation_m
         nearest = min(lenses, key=lambda name: np.linalg.norm(T_world_camera[name].translation_m - p_circle_m))
         self.camera, self._lens, self._camera_name = cell.cameras[nearest], lenses[nearest], nearest
-        self._outline_m = setup.needle.outline_m
         self.T_base_camera = cell.T_world_base_registered[hand.name].inverse() @ T_world_camera[nearest]
-        self._log, self._hand, self.setup = cell.log, hand, setup
-        self._images, self._budget_s, self._start_budget_s = images, budget_s, start_budget_s
+        self._log, self._hand, self.setup, self._settings = cell.log, hand, setup, settings
         holds = [step for step in driven_steps(setup) if step.holds and step.name != "penetrate"]
         self._back_rad = [step.back_rad for step in holds]
         self._p_needle_tip_m = setup.needle.point_m(np.zeros(1))[0]
@@ -211,13 +209,13 @@ class NeedleTracker:
     @property
     def needle(self) -> NeedleEstimate:
         """Return where the needle is, in the arm's base."""
-        return self._estimate
+        return self.estimator.needle(self._T_base_tip)
 
     def towards_needle(self, segment: Segment, T_base_needle: SE3) -> Segment:
         """Return a way that was planned to or from a needle resting at ``T_base_needle``, where it really is."""
         planned = fk(self._hand.model, segment.q)
         self._tip_error = self.estimator.tip_error(planned[-1])
-        wanted = self._estimate.T_base_needle @ T_base_needle.inverse() @ planned
+        wanted = self.needle.T_base_needle @ T_base_needle.inverse() @ planned
         return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
 
     def with_needle(self, segment: Segment) -> Segment:
@@ -283,7 +281,7 @@ class NeedleTracker:
             wanted = T_base_tip @ self.T_tip_needle_planned @ self._T_tip_needle.inverse()
         else:
             planned = T_base_tip[0] @ self.T_tip_needle_planned
-            wanted = self._estimate.T_base_needle @ planned.inverse() @ T_base_tip
+            wanted = self.needle.T_base_needle @ planned.inverse() @ T_base_tip
         return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
 
     def _with_planned_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -309,18 +307,19 @@ class NeedleTracker:
         """Look at the needle, in the jaws or in the tissue; return whether it was seen but rejected."""
         await self._hand.settle()
         with self._log.span(self._hand.name, "looking"):
-            before = self._estimate
+            before = self.needle
             window = self._window(before)
-            taken = [await self.camera.capture(window) for _ in range(self._images)]
+            taken = [await self.camera.capture(window) for _ in range(self._settings.images)]
         images = [image for image in taken if isinstance(image, RgbdImage)]
         starts = search_starts(before.T_base_needle, before.covariance, self.setup.needle)
-        budget_s = self._budget_s + (len(starts) - 1) * self._start_budget_s
+        budget_s = self._settings.sighting_budget_s + (len(starts) - 1) * self._settings.start_budget_s
         seen = await self._hand.compute("perception", budget_s, partial(self._sight, images, before))
         self.seen = accepted = seen is not None and self.estimator.update(self._T_base_tip, self.T_base_camera, seen)
         if seen is not None:
-            self._log.saw(self._camera_name, images[-1], {"needle": seen.T_camera_needle.apply(self._outline_m)})
-        off = (before.T_base_needle.inverse() @ self._estimate.T_base_needle).log()
-        tip_m = (self.setup.T_base_circle.inverse() @ self._estimate.T_base_needle).apply(self._p_needle_tip_m)
+            outline_m = seen.T_camera_needle.apply(self.setup.needle.outline_m)
+            self._log.saw(self._camera_name, images[-1], {"needle": outline_m})
+        off = (before.T_base_needle.inverse() @ self.needle.T_base_needle).log()
+        tip_m = (self.setup.T_base_circle.inverse() @ self.needle.T_base_needle).apply(self._p_needle_tip_m)
         self._log.event(
             "needle not seen" if seen is None else "needle seen",
             accepted=accepted,
@@ -384,10 +383,6 @@ class NeedleTracker:
         if (height_m := floor_height_m(images, *places)) is not None:
             up = self.T_base_floor.rotation.matrix[:, 2]
             self.T_base_camera = SE3.from_parts(translation_m=-height_m * up) @ self.T_base_camera
-
-    @property
-    def _estimate(self) -> NeedleEstimate:
-        return self.estimator.needle(self._T_base_tip)
 
     @property
     def _T_base_tip(self) -> SE3:

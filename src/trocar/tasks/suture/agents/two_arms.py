@@ -40,6 +40,7 @@ class TwoArmSuturing(CircleSuturing):
     """One arm drives the sutures, a second one pulls the needle through and hands it back; no person touches it."""
 
     pulls = True
+    plan: TwoArmPlan
 
     def __init__(self, context: AgentContext):
         super().__init__(context)
@@ -48,7 +49,6 @@ class TwoArmSuturing(CircleSuturing):
         self.puller = Puller(cell, hand, settings)
         if "stand" not in cell.T_world_fixture:
             raise InvalidInput("this cell", "has no fixture 'stand', from which the first needle is taken", "add it")
-        self.plan: TwoArmPlan | None = None
         self._lost = ""
         self._helpers: trio.Nursery | None = None
         self._near = trio.Event()
@@ -69,11 +69,9 @@ class TwoArmSuturing(CircleSuturing):
             "planning", budget_s, lambda: plan_two_arms(self.sutures, self.home, arm, stand, cameras)
         )
         if self.tracker:
-            looking = (self.settings.images, self.settings.sighting_budget_s, self.settings.start_budget_s)
-            setup = self.sutures[0].setup
-            self.tracker = NeedleTracker(cell, self.hand, setup, *looking, others=[second])
-            pulling = self.plan.pulls[0].grips[0].setup
-            self.puller.tracker = NeedleTracker(cell, second, pulling, *looking, others=[self.hand])
+            setup, pulling = self.sutures[0].setup, self.plan.pulls[0].grips[0].setup
+            self.tracker = NeedleTracker(cell, self.hand, setup, self.settings, others=[second])
+            self.puller.tracker = NeedleTracker(cell, second, pulling, self.settings, others=[self.hand])
         self._T_first_second = cell.T_world_base_registered[self.hand.name].inverse() @ base
 
     async def _suture(self, number: int, suture: Suture) -> End:
@@ -107,7 +105,7 @@ class TwoArmSuturing(CircleSuturing):
         return await super()._stretch(number, stretch, suture, *leaving)
 
     async def _second_comes(self, number: int) -> None:
-        await self.puller.come_near(self._planned.pulls[number])
+        await self.puller.come_near(self.plan.pulls[number])
         self._near.set()
 
     async def go_home(self) -> None:
@@ -152,7 +150,7 @@ class TwoArmSuturing(CircleSuturing):
 
     async def finish(self, number: int, withdraw: Segment, rise: Segment) -> End:
         """Have the second arm grasp the tip and pull the needle through, after this arm has let go of it."""
-        pull, second = self._planned.pulls[number], self.puller
+        pull, second = self.plan.pulls[number], self.puller
         self.log.event("step", suture=number, step="grasp tip")
         needle = None
         if self.tracker:
@@ -178,16 +176,11 @@ class TwoArmSuturing(CircleSuturing):
         """Note that this arm waits for the second one."""
         return self.log.span(self.hand.name, "waiting")
 
-    @property
-    def _planned(self) -> TwoArmPlan:
-        if self.plan is None:
-            raise InvalidInput("the plan of two arms", "is not there yet", "call begin() first")
-        return self.plan
-
     async def _from_stand(self) -> End | None:
-        take, lift = self._planned.stand
+        take, lift = self.plan.stand
         self.log.event("step", suture=0, step="take from stand")
-        T_base_stand = self._T_base_world @ self.cell.T_world_fixture["stand"]
+        T_world_base = self.cell.T_world_base_registered[self.hand.name]
+        T_base_stand = T_world_base.inverse() @ self.cell.T_world_fixture["stand"]
         T_base_needle = T_base_stand @ T_stand_needle(self.sutures[0].setup.needle)
         if self.tracker:
             self.tracker.T_base_floor = T_base_stand
@@ -207,7 +200,7 @@ class TwoArmSuturing(CircleSuturing):
         """Take the needle from the second arm, at the first of the planned places that the commands of both allow."""
         second, reason = self.puller, ""
         self.log.event("step", suture=number, step="hand over")
-        for handover in self._planned.handovers[number - 1]:
+        for handover in self.plan.handovers[number - 1]:
             if not second.holds:
                 return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the second arm lost the needle")
             with self._waiting():
@@ -243,10 +236,6 @@ class TwoArmSuturing(CircleSuturing):
             if self.tracker:
                 await self.tracker.find()
         return "the jaws closed on nothing"
-
-    @property
-    def _T_base_world(self) -> SE3:
-        return self.cell.T_world_base_registered[self.hand.name].inverse()
 
 
 def _in_other(needle: NeedleEstimate, T_other_base: SE3) -> NeedleEstimate:

@@ -285,13 +285,10 @@ def _on_finer_grid(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> Sut
         return plan
     fine = map.at(np.arange(finer * positions) * (TURN / (finer * positions)))
     found = plan_even(fine, count) if spacing == Spacing.even(count) else plan_gaps(fine, count, spacing)
-    scores = [_scores(*_values(map, one), map.reward.feasible_first)[0] for one in (plan, found)]
+    both = [map.at(one.positions_rad) for one in (plan, found)]
+    rewards, feasible = np.stack([at.best for at in both]), np.stack([at.feasible for at in both])
+    scores = _scores(rewards, feasible, map.reward.feasible_first)
     return found if scores[1] > scores[0] else plan
-
-
-def _values(map: DexterityMap, plan: SuturePlan) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    at = map.at(plan.positions_rad)
-    return at.best[None], at.feasible[None]
 
 
 def _runs(n: int) -> NDArray[np.float64]:

@@ -27,8 +27,6 @@ from trocar.tasks.suture.planning.waypoints import waypoints
 MAX_SUTURES = 360
 SAME = 1e-6
 """Numbers of waypoints (m, rad, s) that differ by less are the same: angles of a plan are saved in degrees."""
-RIGID = 1e-6
-"""Tolerance of unit length and right angles of a rotation's columns."""
 MADE_BY = "give the plan.json of `trocar plan suture --out DIR`"
 PLAN = "plan.json"
 
@@ -300,12 +298,11 @@ def _pose(value: object, where: str) -> SE3:
     matrix = np.array([_numbers(row, where) for row in rows if isinstance(row, list) and len(row) == 4])
     if len(rows) != 4 or matrix.shape != (4, 4):
         raise InvalidValue(where, _short(value), "give a pose, four rows of four numbers")
-    R = matrix[:3, :3]
-    off = max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(matrix[3] - [0, 0, 0, 1]).max())
-    if not off <= RIGID or np.linalg.det(R) < 0:
+    try:
+        return SE3(matrix)
+    except InvalidInput:
         remedy = "give a rotation in its first three rows and columns, and 0, 0, 0, 1 below"
-        raise InvalidInput(where, "is not a rigid pose", remedy)
-    return SE3(matrix)
+        raise InvalidInput(where, "is not a rigid pose", remedy) from None
 
 
 def _numbers(value: object, where: str) -> list[float]:
