@@ -69,10 +69,6 @@ class NeedleEstimate:
     T_base_needle: SE3
     covariance: NDArray[np.float64]
 
-    def doubted(self) -> NeedleEstimate:
-        """Return the same with more uncertainty, because something was seen that does not fit it."""
-        return NeedleEstimate(self.T_base_needle, DOUBT * self.covariance)
-
     def updated(self, T_base_camera: SE3, seen: NeedleSighting) -> NeedleEstimate | None:
         """Return the estimate after a sighting fitted from here; None if that lies further off than chance explains."""
         T_base_needle = T_base_camera @ seen.T_camera_needle

@@ -154,8 +154,7 @@ class Puller:
             await self.hand.go(way.q[-1])
             self.cell.robot.prepare({self.hand.name: self._leaving(handover)})
         except MotionRefused as error:
-            self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
-            return False
+            return self._refused(error)
         if self.tracker:
             await self.tracker.find()
         return self.holds
@@ -183,7 +182,12 @@ class Puller:
         try:
             await self.hand.go(q)
         except MotionRefused as error:
-            self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
+            self._refused(error)
+
+    def _refused(self, reason: object) -> bool:
+        """Note why this arm could not do something; return False."""
+        self.cell.log.event("refused", arm=self.hand.name, reason=str(reason))
+        return False
 
     async def close(self) -> bool:
         """Close the jaws; return whether they stalled on a wire."""
@@ -198,24 +202,16 @@ class Puller:
         While the other arm is in the way, wait until it has left.
         """
         if (outside := segment.first_outside(self.hand.model)) is not None:
-            self.cell.log.event("refused", arm=self.hand.name, reason=f"{segment.name} leaves a range at {outside}")
-            return False
+            return self._refused(f"{segment.name} leaves a range at {outside}")
         for _ in range(TRIES):
             try:
                 if np.abs(segment.q[0] - self.hand.q).max() > JOINED:
                     await self.hand.go(segment.q[0])
-                await self.hand.move(along(joined(self.hand.q, segment.q), segment.length_m / speed_m_s))
+                from_here = np.concatenate([self.hand.q[None], segment.q[1:]])
+                await self.hand.move(along(from_here, segment.length_m / speed_m_s))
+                return True
             except TooNear:
                 await self.cell.clock.sleep(WAIT_S)
-                continue
             except MotionRefused as error:
-                self.cell.log.event("refused", arm=self.hand.name, reason=str(error))
-                return False
-            return True
-        self.cell.log.event("refused", arm=self.hand.name, reason=f"{segment.name}: the other arm is in the way")
-        return False
-
-
-def joined(q: NDArray[np.float64], path: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a path (k, 6) with its start where the arm is."""
-    return np.concatenate([q[None], path[1:]])
+                return self._refused(error)
+        return self._refused(f"{segment.name}: the other arm is in the way")

@@ -135,13 +135,8 @@ def _largest(grasped: list[SutureSetup], sideways_m: float, up_m: float) -> Sutu
 
 def _aimed(arm: ArmModel, place_m: NDArray[np.float64]) -> list[SE3]:
     """Return bases at a place (3,) from which the instrument, in the middle of its ranges, points at the origin."""
-    resting = fk(arm, arm.middle).translation_m
-    resting, wanted = resting / np.linalg.norm(resting), -place_m / np.linalg.norm(place_m)
-    axis, cosine = np.cross(resting, wanted), float(resting @ wanted)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-9:  # already so, or the other way about any line across
-        axis, sine = np.cross(resting, [1.0, 0.0, 0.0]), 0.0
-    to_origin = SO3.exp(axis / np.linalg.norm(axis) * math.atan2(sine, cosine))
+    wanted = -place_m / np.linalg.norm(place_m)
+    to_origin = SO3.between(fk(arm, arm.middle).translation_m, wanted)
     return [SE3.from_parts(SO3.exp(spin * wanted) @ to_origin, place_m) for spin in SPINS_RAD.tolist()]
 
 
