@@ -199,8 +199,7 @@ def search_starts(
 
     Arguments as for ``sight_needle``; the other starts are ``away`` SDs from the expected pose.
     """
-    tip = needle.point_m(np.zeros(1))[0]
-    lever = np.column_stack([np.eye(3), np.cross(np.eye(3), tip).T])
+    lever = np.column_stack([np.eye(3), np.cross(np.eye(3), needle.p_tip_m).T])
     variances, axes = np.linalg.eigh(lever @ covariance @ lever.T)
     starts = [T_camera_needle]
     for variance, axis in zip(variances, axes.T, strict=True):

@@ -58,6 +58,13 @@ def test_the_printed_command_plans_in_the_setup_that_was_found(trocar, tmp_path)
     assert in_words["positions_deg"] == again["positions_deg"] and in_words["rewards"] == again["rewards"]
 
 
+def test_where_nothing_better_is_found_the_printed_command_plans_in_the_preset(trocar, tmp_path):
+    line = "plan setup --free grasp_lean_deg --bound grasp_lean_deg=85:86 --evaluations 96 --count 3 --json"
+    command = json.loads(trocar(f"{line} --out {tmp_path}/new")[1])["command"]
+    assert command == f"trocar plan suture --preset {tmp_path}/new/setup.toml --count 3"
+    assert json.loads(trocar(line)[1])["command"] == "trocar plan suture --preset default --count 3"
+
+
 def test_what_crosses_in_the_tissue_is_not_recommended(trocar):
     code, out, _ = trocar("plan setup --free port --evaluations 100 --count 12 --json")
     found = json.loads(out)

@@ -181,7 +181,6 @@ class NeedleTracker:
         self._log, self._hand, self.setup, self._settings = cell.log, hand, setup, settings
         holds = [step for step in driven_steps(setup) if step.holds and step.name != "penetrate"]
         self._back_rad = [step.back_rad for step in holds]
-        self._p_needle_tip_m = setup.needle.point_m(np.zeros(1))[0]
         self._now_s = cell.clock.now_s
         self.estimator = NeedleEstimator(self._hand.model, self._now_s)
         self.T_base_floor = setup.T_base_circle
@@ -216,7 +215,7 @@ class NeedleTracker:
         planned = fk(self._hand.model, segment.q)
         self._tip_error = self.estimator.tip_error(planned[-1])
         wanted = self.needle.T_base_needle @ T_base_needle.inverse() @ planned
-        return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
+        return self._reaching(segment, wanted)
 
     def with_needle(self, segment: Segment) -> Segment:
         """Return a way on which the needle, however it lies in the jaws, goes as planned, from where the arm is."""
@@ -224,9 +223,7 @@ class NeedleTracker:
         planned = T_base_tip @ self.T_tip_needle_planned
         self._tip_error, self._T_tip_needle = self.estimator.tip_error(T_base_tip[-1]), self.estimator.T_tip_needle
         wanted = planned @ self._T_tip_needle.inverse()
-        return self._from_here(
-            replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
-        )
+        return self._from_here(self._reaching(segment, wanted))
 
     def forget(self) -> None:
         """Discard everything seen so far."""
@@ -282,26 +279,27 @@ class NeedleTracker:
         else:
             planned = T_base_tip[0] @ self.T_tip_needle_planned
             wanted = self.needle.T_base_needle @ planned.inverse() @ T_base_tip
-        return replace(segment, q=ik_unbounded(self._hand.model, self._commanded(wanted), near=segment.q))
+        return self._reaching(segment, wanted)
 
     def _with_planned_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joints (k, 6) that take the needle's tip along its path, turning the wrist as planned and no more."""
-        off = self._tip_error
-        wanted_m = (fk(self._hand.model, planned) @ self.T_tip_needle_planned).apply(self._p_needle_tip_m) - off[:3]
+        off, p_tip_m = self._tip_error, self.setup.needle.p_tip_m
+        wanted_m = (fk(self._hand.model, planned) @ self.T_tip_needle_planned).apply(p_tip_m) - off[:3]
         q = planned.copy()
         turning = 0.0 if self._fixed_wrist else 1.0
         q[:, OUTER:] = self._hand.q[OUTER:] + turning * (planned - planned[0])[:, OUTER:]
         for _ in range(2):  # the error of the jaws' position depends on the orientation that is found
             R = fk(self._hand.model, q).rotation
-            held_m = (R.inverse() @ SO3.exp(off[3:]) @ R).apply(self._T_tip_needle.apply(self._p_needle_tip_m))
+            held_m = (R.inverse() @ SO3.exp(off[3:]) @ R).apply(self._T_tip_needle.apply(p_tip_m))
             places = zip(q, wanted_m, held_m, strict=True)
             q = np.array([ik_with_fixed_wrist(self._hand.model, *place) for place in places])
         return q
 
-    def _commanded(self, T_base_tip: SE3) -> SE3:
-        """Return where the tip has to be commanded, with the path's corrections, to reach poses of any batch."""
+    def _reaching(self, segment: Segment, wanted: SE3) -> Segment:
+        """Return a segment with the commands, near its own, that bring the tip to these poses (k,) in the base."""
         off = self._tip_error
-        return SE3.from_parts(SO3.exp(-off[3:]) @ T_base_tip.rotation, T_base_tip.translation_m - off[:3])
+        commanded = SE3.from_parts(SO3.exp(-off[3:]) @ wanted.rotation, wanted.translation_m - off[:3])
+        return replace(segment, q=ik_unbounded(self._hand.model, commanded, near=segment.q))
 
     async def look(self) -> bool:
         """Look at the needle, in the jaws or in the tissue; return whether it was seen but rejected."""
@@ -319,7 +317,7 @@ class NeedleTracker:
             outline_m = seen.T_camera_needle.apply(self.setup.needle.outline_m)
             self._log.saw(self._camera_name, images[-1], {"needle": outline_m})
         off = (before.T_base_needle.inverse() @ self.needle.T_base_needle).log()
-        tip_m = (self.setup.T_base_circle.inverse() @ self.needle.T_base_needle).apply(self._p_needle_tip_m)
+        tip_m = (self.setup.T_base_circle.inverse() @ self.needle.T_base_needle).apply(self.setup.needle.p_tip_m)
         self._log.event(
             "needle not seen" if seen is None else "needle seen",
             accepted=accepted,
@@ -342,7 +340,7 @@ class NeedleTracker:
     def tip_shift_m(self, q: NDArray[np.float64]) -> float:
         """Return how far the needle's tip would go if the arm went to these joints (6,)."""
         poses = (self._T_base_tip, fk(self._hand.model, q))
-        now, then = (self.estimator.needle(T).T_base_needle.apply(self._p_needle_tip_m) for T in poses)
+        now, then = (self.estimator.needle(T).T_base_needle.apply(self.setup.needle.p_tip_m) for T in poses)
         return float(np.linalg.norm(then - now))
 
     def _window(self, expected: NeedleEstimate) -> Window:

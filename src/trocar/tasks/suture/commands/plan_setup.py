@@ -81,10 +81,10 @@ def setup(
     best = replace(start, setup=found.best.setup)
     asked = {"--arm": arm, "--search": search, "--gap": gap}
     changes = settings_between(options.chosen_preset(preset, None).setup, best.setup)
-    words = [f"--preset {preset}", f"--count {count}", *(f"{flag} {x}" for flag, x in asked.items() if x is not None)]
-    words += [f"--set {name}={value}" for name, value in changes.items()]
-    if out is not None:
-        words[0], words[-len(changes) :] = f"--preset {out / SETUP_FILE}", []
+    words = [f"--preset {out / SETUP_FILE if out else preset}", f"--count {count}"]
+    words += [f"{flag} {x}" for flag, x in asked.items() if x is not None]
+    if out is None:
+        words += [f"--set {name}={value}" for name, value in changes.items()]
     was = parameters_of(start.setup)
     summary: dict[str, Any] = {
         "preset": preset,

@@ -214,7 +214,7 @@ class Suture:
     def needle_tip_m(self, advance_m: NDArray[np.float64], turn_rad: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the needle's tip (k, 3) in the circle's frame; arguments as ``needle_poses``."""
         T_circle_needle = self.turned(needle_poses(self.setup, advance_m, turn_rad))
-        return T_circle_needle.apply([0.0, -self.setup.needle.radius_m, 0.0])
+        return T_circle_needle.apply(self.setup.needle.p_tip_m)
 
     @property
     def needle_path_m(self) -> NDArray[np.float64]:
@@ -374,7 +374,7 @@ def with_clearances(
         inside_m = inside_wall_m(setup, thetas_rad, T_circle_tip, T_circle_needle, q)
     if setup.puller.up_m:
         at_end = needle_poses(setup, [setup.insertion.straight_m], [setup.insertion.turn_rad])[rows, 0]
-        tip_m = at_end.apply([0.0, -setup.needle.radius_m, 0.0])
+        tip_m = at_end.apply(setup.needle.p_tip_m)
         apart_m = arms_apart_m(setup, thetas_rad, tip_m, q[..., -1, :])
     return SutureJoints(
         setup,

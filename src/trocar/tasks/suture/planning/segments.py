@@ -156,14 +156,11 @@ def cut_short(segments: Sequence[Segment], arm: ArmModel, order: int = 1) -> lis
     kept: list[Segment] = []
     broken = False
     for segment in segments:
-        room_rad = ROOM_RAD if segment.name in ("lower", "rise") else 0.0
-        outside = (0, 0) if broken else replace(segment, q=segment.q[::order]).first_outside(arm, room_rad)
-        broken = outside is not None
-        if outside is None:
-            kept.append(segment)
-        else:
-            q = segment.q[::order][: outside[0]][::order]
-            kept.append(replace(segment, q=q, length_m=segment.length_m * len(q) / max(1, len(segment.q))))
+        way = replace(segment, q=segment.q[::order])
+        outside = (0, 0) if broken else way.first_outside(arm, ROOM_RAD if way.name in ("lower", "rise") else 0.0)
+        if outside is not None:
+            broken, way = True, way.first(outside[0])
+        kept.append(replace(way, q=way.q[::order]))
     return kept
 
 

@@ -19,6 +19,7 @@ from trocar.report.tables import figure as figures
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import PRESETS, Suture, SutureSetup
 from trocar.tasks.suture.planning.plan import setup_from
+from trocar.tasks.suture.planning.setup import DIRECTION_NAMES
 
 NEAR = 0.15
 """A limit is drawn if the joint comes closer to it than this share of its range."""
@@ -151,7 +152,7 @@ def draw_needle(trial: Trial, path: Path, title: str) -> Path:
     setup, scores = setup_of(trial), trial.scores
     T_circle_world = SE3(trial.arrays["T_world_circle"].astype(np.float64)).inverse()
     T_circle_needle = T_circle_world @ trial.replay().T_world_body["needle"]
-    tips = 1e3 * T_circle_needle.apply([0.0, -setup.needle.radius_m, 0.0])
+    tips = 1e3 * T_circle_needle.apply(setup.needle.p_tip_m)
     count, radius = max(1, len(scores)), 1e3 * setup.circle.radius_m
     with style.figure(10.0, 7.2, path) as figure:
         grid = figure.add_gridspec(count, 2, width_ratios=[1.25, 1])
@@ -212,8 +213,7 @@ class SutureReport(TaskReport):
 
     def goal(self, score: Mapping[str, Any]) -> str:
         """Return the position on the circle, and the direction."""
-        way = "clockwise" if score["direction"] > 0 else "counterclockwise"
-        return f"at {score['theta_deg']:.0f} deg, {way}"
+        return f"at {score['theta_deg']:.0f} deg, {DIRECTION_NAMES[score['direction']]}"
 
     def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
         """Return the errors of the needle."""
