@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +107,7 @@ class CellLog:
 
     def event(self, name: str, **values: object) -> None:
         """Note something that happened now; NumPy's numbers become plain ones, those that are not finite None."""
-        noted = {key: _plain(value) for key, value in values.items()}
+        noted = {key: plain(value) for key, value in values.items()}
         self.events.append({"name": name, "time_s": round(self.clock(), 6), **noted})
         if self.listener is not None:
             self.listener(self.events[-1])
@@ -130,16 +130,16 @@ class CellLog:
         self.computations.append(Computation(name, seconds, budget_s))
 
 
-def _plain(value: object) -> object:
-    """Return what JSON can hold of a value: a trial is saved whatever its script noted."""
+def plain(value: Any) -> Any:
+    """Return what JSON can hold of a value, None for numbers that are not finite: it is saved whatever it is."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        items = [_plain(item) for item in value]
+        items = [plain(item) for item in value]
         return tuple(items) if isinstance(value, tuple) else items
     return value if isinstance(value, str | int | None) else str(value)
 

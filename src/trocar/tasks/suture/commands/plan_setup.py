@@ -16,6 +16,7 @@ from trocar.cli.terminal import rich_table
 from trocar.counting import counted
 from trocar.errors import InvalidValue, UnknownName
 from trocar.files.output import PICTURE, write_json, write_text
+from trocar.log import plain
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.planning import dexterity
 from trocar.tasks.suture.planning.parameters import SAID, SEARCHED, parameters_of, shown_parameter
@@ -59,7 +60,7 @@ def setup(
     preset. Exit code 1: no plan was found that is feasible and sound in the tissue.
     """
     from trocar.tasks.suture.planning.setup_search import CERTIFIED, GROUPS, USUAL, search_setup
-    from trocar.tasks.suture.planning.summary import finite, tissue_summary
+    from trocar.tasks.suture.planning.summary import tissue_summary
 
     chosen = options.chosen_preset(preset, settings)
     start = options.chosen_preset(preset, settings, arm)
@@ -106,7 +107,7 @@ def setup(
         "manipulability_source": found.best.source,
         "command": " ".join(["trocar plan suture", *words]) if found.sound else None,
     }
-    summary = finite(summary)
+    summary = plain(summary)
     if out is not None:
         from trocar.tasks.suture.report.circle import draw_plan
 

@@ -12,6 +12,7 @@ from trocar.cli.group import Result
 from trocar.cli.out_folder import check_out_folder
 from trocar.cli.terminal import rich_table
 from trocar.files.output import PICTURE, write_json
+from trocar.log import plain
 from trocar.tasks.suture.commands import options
 from trocar.tasks.suture.planning import dexterity
 
@@ -34,13 +35,12 @@ def suture(
 ) -> Result:
     """Print Table I of the circle-suture paper beside ours, the changes of direction, and the sweep over lambda."""
     from trocar.tasks.suture.planning.study import study
-    from trocar.tasks.suture.planning.summary import finite
 
     chosen = options.chosen_preset(preset, None)
     check_out_folder(out, FILES)
     all_round = dexterity(chosen.setup, chosen.reward, positions, options.recorded(demonstrations))
     found = study(all_round, chosen.fitted)
-    summary: dict[str, Any] = finite({"study": "suture", "preset": preset, **found.summary()})
+    summary: dict[str, Any] = plain({"study": "suture", "preset": preset, **found.summary()})
     if out is not None:
         from trocar.tasks.suture.report.panels import draw_study
 

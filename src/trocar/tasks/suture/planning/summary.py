@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from trocar.arms import fk, ik_branches
 from trocar.geometry import TURN, shown
 from trocar.geometry.capsules import segment_distances_m
+from trocar.log import plain
 from trocar.tasks.suture.planning.clearance import APART_M, OFF_WALL_M
 from trocar.tasks.suture.planning.plan import Spacing, SuturePlan, setup_values
 from trocar.tasks.suture.planning.primitive import (
@@ -74,7 +75,7 @@ def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
         "jaws_can_hold_needle": setup.grasp.holdable,
         "wire_out_of_jaws_deg": math.degrees(setup.grasp.out_of_jaws_rad),
     }
-    return finite(found)
+    return plain(found)
 
 
 def _asked(plan: SuturePlan) -> dict[str, Any]:
@@ -116,15 +117,6 @@ def joint_room(setup: SutureSetup, plan: SuturePlan) -> list[dict[str, float]]:
     left = left * np.array([joint.shown_scale[0] for joint in arm.joints])
     names = [f"{joint.name}_{joint.shown_scale[1]}" for joint in arm.joints]
     return [dict(zip(names, row, strict=True)) for row in left.tolist()]
-
-
-def finite(value: Any) -> Any:
-    """Return plain values with None in place of numbers that are not finite, which JSON lacks."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _degrees(angles_rad: NDArray[np.float64]) -> list[float]:
