@@ -43,8 +43,7 @@ def exchange(ros: int, domain: int, master: str) -> tuple[dict[str, Any], dict[s
     """Let the partner read and command every topic; return what it and the cell say at the end."""
     words = ["--ros", str(ros), "--domain", str(domain)] + (["--master", master] if master else [])
     topics = {
-        way: {topic: "/".join(ros_name(kind)) for topic, kind in kinds.items()}
-        for way, kinds in (("out", OUT), ("in", IN))
+        way: {topic: ros_name(kind) for topic, kind in kinds.items()} for way, kinds in (("out", OUT), ("in", IN))
     }
     with served(*words, **({"python": python_of(1)} if ros == 1 else {})) as cell:
         done = subprocess.run(

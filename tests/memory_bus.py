@@ -14,11 +14,11 @@ class MemoryBus:
         self.node, self.address = node, address
 
     def publisher(self, topic, kind, *, latched=False, kept_s=None, kept=None):
-        self.wire.endpoints.append(Endpoint(topic, "/".join(ros_name(kind)), True, self.client(self)))
+        self.wire.endpoints.append(Endpoint(topic, ros_name(kind), True, self.client(self)))
         return _Out(self, topic, kind, latched)
 
     def subscriber(self, topic, kind, *, latched=False, kept=KEPT_UNREAD):
-        self.wire.endpoints.append(Endpoint(topic, "/".join(ros_name(kind)), False, self.client(self)))
+        self.wire.endpoints.append(Endpoint(topic, ros_name(kind), False, self.client(self)))
         made = _In(kept)
         self.wire.subscribers[topic, kind].append(made)
         made.unread += [(0.0, *self.wire.latched[topic, kind])] if (topic, kind) in self.wire.latched else []

@@ -10,6 +10,7 @@ from enum import Enum
 import trio
 
 from trocar.crtk.bus import open_bus
+from trocar.crtk.convert import seconds
 from trocar.crtk.images import color_of, cut_out, depth_of
 from trocar.crtk.messages import CameraInfo, Empty, Image
 from trocar.errors import InvalidInput, TrocarError
@@ -116,7 +117,7 @@ class CrtkCamera:
         while time.monotonic() < deadline_s:
             for came, part in zip(self._came, self._parts, strict=True):
                 came.extend(part.take())
-            first, second = ({_time_s(message): message for message in came} for came in self._came)
+            first, second = ({seconds(message.header.stamp): message for message in came} for came in self._came)
             ahead_s = max([*first, *second], default=0.0) - time.time()
             if ahead_s > AHEAD_S:
                 where = f"{self._topic}, {ahead_s:.3f} s ahead, at most {AHEAD_S:g}"
@@ -126,7 +127,7 @@ class CrtkCamera:
                 return first[min(answers)], second[min(answers)]
             await trio.sleep(POLL_S)
         where = f"{self._topic}, in {ANSWER_S:g} s"
-        stamps_s = [_time_s(message) for came in self._came for message in came]
+        stamps_s = [seconds(message.header.stamp) for came in self._came for message in came]
         if not stamps_s:
             remedy = "check that it runs, and that it exposes an image on its topic 'trigger', or runs freely"
             raise NoImage(self._name, ImageFault.SILENT, where, remedy)
@@ -136,14 +137,10 @@ class CrtkCamera:
         raise NoImage(self._name, ImageFault.HALF, where, "both topics of an image need the same stamp")
 
     def _image(self, first: Image, second: Image) -> Taken:
-        time_s, item = self.now_s() - (time.time() - _time_s(first)), f"the image of camera {self._name!r}"
+        time_s, item = self.now_s() - (time.time() - seconds(first.header.stamp)), f"the image of camera {self._name!r}"
         if isinstance(self.model, StereoRig):
             return StereoImage(color_of(first, item), color_of(second, item), self.model, time_s)
         return RgbdImage(color_of(first, item), depth_of(second, item), self.model, time_s)
-
-
-def _time_s(message: Image) -> float:
-    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
 def _require_window(model: CameraModel, window: Window | StereoWindow | None) -> None:

@@ -59,7 +59,7 @@ def topics(about: CameraHeard) -> Finding:
     if missing:
         remedy = "check that the camera's driver runs, and its namespace in [crtk.cameras]"
         return Finding(False, f"no {', '.join(missing)}", remedy)
-    right = {topic: "/".join(ros_name(one.kind)) for topic, one in wanted.items()}
+    right = {topic: ros_name(one.kind) for topic, one in wanted.items()}
     wrong = [topic for topic, kind in right.items() if there[topic] not in ("", kind)]
     if wrong:
         return Finding(False, f"{wrong[0]} is {there[wrong[0]]}, not {right[wrong[0]]}", "publish raw images")

@@ -66,14 +66,11 @@ class ArmHeard:
     def ages(self) -> dict[str, NDArray[np.float64]]:
         """Return how long after its stamp each message came that was found at once, s."""
         return {
-            topic: np.array([at_s - seconds(one.header.stamp) for at_s, one in messages if at_s not in self.blind_s])
+            topic: np.array(
+                [at_s - seconds(one.header.stamp) for at_s, one in messages if at_s not in self.heard.blind_s]
+            )
             for topic, messages in self.streams.items()
         }
-
-    @property
-    def blind_s(self) -> Mapping[float, float]:
-        """Return for how long the listener had not looked when it found messages, where that was long."""
-        return self.heard.blind_s
 
     def last(self, what: str) -> Any:
         """Return the last message of a topic; None: none came."""

@@ -282,10 +282,10 @@ class CameraInfo(IdlStruct, typename="sensor_msgs.msg.dds_.CameraInfo_"):
     roi: RegionOfInterest = field(default_factory=RegionOfInterest)
 
 
-def ros_name(kind: type) -> tuple[str, str]:
-    """Return the package and the name of a message: ``sensor_msgs``, ``JointState``."""
+def ros_name(kind: type) -> str:
+    """Return what ROS calls a message: ``sensor_msgs/JointState``."""
     package, *_, name = kind.__idl_typename__.split(".")  # type: ignore[attr-defined]
-    return package, name.removesuffix("_")
+    return f"{package}/{name.removesuffix('_')}"
 
 
 EFFORTS: dict[str, type] = {

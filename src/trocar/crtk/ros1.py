@@ -101,9 +101,10 @@ def _node(interface: str, master: str) -> None:
 @cache
 def _class(kind: type) -> Any:
     """Return rospy's class of a message."""
-    package, name = ros_name(kind)
+    whole = ros_name(kind)
+    package, _, name = whole.partition("/")
     if name in DEFINITIONS:
-        return generate_dynamic(f"{package}/{name}", DEFINITIONS[name])[f"{package}/{name}"]
+        return generate_dynamic(whole, DEFINITIONS[name])[whole]
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except ImportError:

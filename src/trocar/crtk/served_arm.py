@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits, ik, limit_violations
 from trocar.crtk.bus import Bus, Subscriber
-from trocar.crtk.convert import transform_of
+from trocar.crtk.convert import seconds, transform_of
 from trocar.crtk.messages import (
     EFFORTS,
     Bool,
@@ -183,7 +183,7 @@ class ServedArm:
     def _stream(self, now: NDArray[np.float64], goal: NDArray[np.float64], stamp: Time) -> None:
         """Take a set-point of a stream, which is played back soon."""
         self._asked = goal = np.clip(goal, self._model.lower, self._model.upper)
-        stamp_s = stamp.sec + 1e-9 * stamp.nanosec if stamp.sec else None
+        stamp_s = seconds(stamp) if stamp.sec else None
         speed = self._streamed.add(goal, now, time.time(), stamp_s)
         share = float((speed / self._limits.velocity).max())
         if share > 1.0 + STEP_TOLERANCE:

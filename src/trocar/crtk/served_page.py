@@ -11,6 +11,7 @@ from types import TracebackType
 
 from trocar.cell import Cell
 from trocar.crtk.bus import open_bus
+from trocar.crtk.convert import seconds
 from trocar.crtk.images import color_of
 from trocar.crtk.messages import Image
 from trocar.crtk.served_cell import ServedCell
@@ -119,7 +120,7 @@ def heard_images(topics: Topics, names: Mapping[str, str]) -> Images:
     def come() -> Iterator[Picture]:
         for name, source in heard.items():
             for image in source.take():
-                exposed_s = image.header.stamp.sec + 1e-9 * image.header.stamp.nanosec
+                exposed_s = seconds(image.header.stamp)
                 exposed = time.strftime("%H:%M:%S", time.localtime(exposed_s))
                 yield Picture(
                     name, color_of(image), f"exposed at {exposed}, came {time.time() - exposed_s:.2f} s later"

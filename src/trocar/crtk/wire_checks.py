@@ -38,8 +38,8 @@ def topics(about: ArmHeard) -> Finding:
 
 def types(about: ArmHeard) -> Finding:
     """Judge whether topics have the types of their dialect, commands included."""
-    right = {topic: _kind(one.kind) for topic, one in about.wanted.items()}
-    right_in = {topic: _kind(kind) for topic, kind in heard_by(about.arm, about.topics).items()}
+    right = {topic: ros_name(one.kind) for topic, one in about.wanted.items()}
+    right_in = {topic: ros_name(kind) for topic, kind in heard_by(about.arm, about.topics).items()}
     wrong = sorted(
         {
             f"{one.topic} is {one.kind}, not {known[one.topic]}"
@@ -127,9 +127,9 @@ def stamps(about: ArmHeard) -> Finding:
 
 def gaps(about: ArmHeard) -> Finding:
     """Judge the longest time without a message."""
-    if (busy := _busy(about)) or (busy := about.after("rate")):
+    if busy := _busy(about) or about.after("rate"):
         return busy
-    longest = {topic: _longest_gap_s(messages, about.blind_s) for topic, messages in about.streams.items()}
+    longest = {topic: _longest_gap_s(messages, about.heard.blind_s) for topic, messages in about.streams.items()}
     worst = max(longest, key=lambda topic: longest[topic])
     found = f"{1e3 * longest[worst]:.0f} ms of {worst}"
     return Finding(longest[worst] <= GAP_S, found, "use a cable instead of wireless, and relieve the robot's PC")
@@ -149,7 +149,7 @@ def clock(about: ArmHeard) -> Finding:
 
 def latency(about: ArmHeard) -> Finding:
     """Judge how long after its stamp a message comes."""
-    if (busy := _busy(about)) or (busy := about.after("stamps", "clock")):
+    if busy := _busy(about) or about.after("stamps", "clock"):
         return busy
     usual_s = {topic: float(np.median(ages)) for topic, ages in about.ages.items()}
     worst = max(usual_s, key=lambda topic: usual_s[topic])
@@ -161,7 +161,7 @@ def latency(about: ArmHeard) -> Finding:
 
 def jitter(about: ArmHeard) -> Finding:
     """Judge how regularly messages come."""
-    if (busy := _busy(about)) or (busy := about.after("stamps")):
+    if busy := _busy(about) or about.after("stamps"):
         return busy
     spread_s = {topic: float(np.percentile(ages, 95) - ages.min()) for topic, ages in about.ages.items()}
     worst = max(spread_s, key=lambda topic: spread_s[topic])
@@ -191,10 +191,6 @@ def _busy(about: ArmHeard) -> Finding | None:
         held_up = f"the doctor itself was held up for {1e3 * about.heard.pause_s:.0f} ms"
         return Finding(None, f"this machine is busy: {held_up}")
     return _unseen(about)
-
-
-def _kind(kind: type) -> str:
-    return "/".join(ros_name(kind))
 
 
 WIRE = {
