@@ -11,7 +11,7 @@ import trio
 
 from trocar.crtk.bus import open_bus
 from trocar.crtk.convert import seconds
-from trocar.crtk.images import color_of, cut_out, depth_of
+from trocar.crtk.images import color_of, cut_out, depth_of, lens_of, parts_of
 from trocar.crtk.messages import CameraInfo, Empty, Image
 from trocar.errors import InvalidInput, TrocarError
 from trocar.lab.topics import Topics
@@ -70,17 +70,15 @@ class CrtkCamera:
     def __init__(self, name: str, model: CameraModel, topics: Topics, now_s: Callable[[], float] = time.monotonic):
         self._name, self.now_s, self._topic = name, now_s, topics.of_camera(name)
         self.model, self.taken = model, list[Taken]()
-        bus, pair = open_bus(topics), isinstance(model, StereoRig)
-        first, second = ("left", "right") if pair else ("color", "depth")
-        self._parts = [bus.subscriber(f"{self._topic}/{part}/image_raw", Image, kept=KEPT) for part in (first, second)]
+        bus, parts = open_bus(topics), parts_of(model)
+        self._parts = [bus.subscriber(f"{self._topic}/{part}/image_raw", Image, kept=KEPT) for part in parts]
         self._came = tuple(deque[Image](maxlen=KEPT) for _ in self._parts)
         self._trigger = bus.publisher(f"{self._topic}/trigger", Empty)
-        lens = model.left if isinstance(model, StereoRig) else model
-        info = bus.subscriber(f"{self._topic}/{first}/camera_info", CameraInfo, latched=True)
+        info = bus.subscriber(f"{self._topic}/{parts[0]}/camera_info", CameraInfo, latched=True)
         deadline_s = time.monotonic() + CONNECT_S
         while not info.take() and time.monotonic() < deadline_s:
             time.sleep(0.01)
-        self._check(info.last, lens, f"{self._topic}/{first}/camera_info")
+        self._check(info.last, lens_of(model), f"{self._topic}/{parts[0]}/camera_info")
 
     def _check(self, info: CameraInfo | None, lens: Intrinsics, topic: str) -> None:
         if info is None:

@@ -9,11 +9,11 @@ import numpy as np
 
 from trocar.crtk.convert import seconds
 from trocar.crtk.heard_arm import Finding
+from trocar.crtk.images import lens_of
 from trocar.crtk.listening import Heard, Message, shown_by
 from trocar.crtk.messages import CameraInfo, Image, ros_name
 from trocar.lab.station import Station
 from trocar.lab.topics import Topics
-from trocar.perception.image import StereoRig
 
 FOCAL_SHARE, CENTRE_PX = 0.01, 3.0
 """A lens is calibrated anew now and then; by more than this it does not change."""
@@ -71,8 +71,7 @@ def lens(about: CameraHeard) -> Finding:
     come = [one for messages in about.messages.values() for _, one in messages if isinstance(one, CameraInfo)]
     if not come:
         return Finding(None, "no camera_info came")
-    model, told = about.station.cameras[about.camera].model_registered, come[-1]
-    known = model.left if isinstance(model, StereoRig) else model
+    known, told = lens_of(about.station.cameras[about.camera].model_registered), come[-1]
     fx, _, cx, _, fy, cy = told.k[:6]
     found = f"{told.width} x {told.height} px, focal {fx:.1f} {fy:.1f}, centre {cx:.1f} {cy:.1f}"
     size = (told.width, told.height) == (known.width, known.height)
@@ -89,8 +88,7 @@ def images(about: CameraHeard) -> Finding:
     """Judge size, stamps and clock of the images; a camera may send none until it is triggered."""
     if not about.images:
         return Finding(None, "none came: it may wait for its trigger")
-    model = about.station.cameras[about.camera].model
-    known = model.left if isinstance(model, StereoRig) else model
+    known = lens_of(about.station.cameras[about.camera].model)
     for topic, messages in about.images.items():
         one = messages[-1][1]
         if (one.width, one.height) != (known.width, known.height):

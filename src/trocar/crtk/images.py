@@ -7,11 +7,21 @@ from numpy.typing import NDArray
 
 from trocar.crtk.messages import CameraInfo, Header, Image
 from trocar.errors import InvalidInput
-from trocar.perception.image import CameraModel, RgbdImage, StereoImage, StereoRig, StereoWindow, Window
+from trocar.perception.image import CameraModel, Intrinsics, RgbdImage, StereoImage, StereoRig, StereoWindow, Window
 from trocar.perception.image import Image as Taken
 
 COLORS = {"rgb8": (3, slice(None)), "bgr8": (3, slice(None, None, -1))}
 COLORS |= {"rgba8": (4, slice(0, 3)), "bgra8": (4, slice(2, None, -1)), "mono8": (1, [0, 0, 0])}
+
+
+def parts_of(model: CameraModel) -> tuple[str, str]:
+    """Return the topics below a camera's of both parts of its images, the one with its lens first."""
+    return ("left", "right") if isinstance(model, StereoRig) else ("color", "depth")
+
+
+def lens_of(model: CameraModel) -> Intrinsics:
+    """Return the lens of the first part of a camera's images."""
+    return model.left if isinstance(model, StereoRig) else model
 
 
 def color_message(color: NDArray[np.uint8], header: Header) -> Image:
@@ -34,11 +44,9 @@ def info_message(model: CameraModel, part: str, header: Header) -> CameraInfo:
         part: of an image: ``right`` is a pair's right lens, whose projection is shifted by the baseline.
         header: of the message.
     """
-    lens, shift_m = model, 0.0
-    if isinstance(model, StereoRig):
-        lens = model.right if part == "right" else model.left
-        shift_m = float(model.T_left_right.translation_m[0]) if part == "right" else 0.0
-    assert not isinstance(lens, StereoRig)
+    lens, shift_m = lens_of(model), 0.0
+    if isinstance(model, StereoRig) and part == "right":
+        lens, shift_m = model.right, float(model.T_left_right.translation_m[0])
     projection = np.column_stack([lens.matrix, [-lens.fx * shift_m, 0.0, 0.0]])
     return CameraInfo(
         header=header,

@@ -11,10 +11,10 @@ from typing import Any
 
 from trocar.crtk.bus import Bus, Endpoint, Subscriber
 from trocar.crtk.dialect import held_topic, jaw_topic, pose_kind, state_kind
+from trocar.crtk.images import parts_of
 from trocar.crtk.messages import CameraInfo, Empty, Image, JointState, StringStamped
 from trocar.lab.station import Station
 from trocar.lab.topics import Dialect, Topics
-from trocar.perception.image import StereoRig
 
 POLL_S = 0.001
 BLIND_S = 0.015
@@ -72,8 +72,7 @@ def moving(arm: str, topics: Topics) -> tuple[str, ...]:
 
 def shown_by(camera: str, station: Station, topics: Topics) -> dict[str, Wanted]:
     """Return what a camera publishes: images of both parts, and its lens."""
-    topic, pair = topics.of_camera(camera), isinstance(station.cameras[camera].model, StereoRig)
-    parts = ("left", "right") if pair else ("color", "depth")
+    topic, parts = topics.of_camera(camera), parts_of(station.cameras[camera].model)
     found = {f"{topic}/{part}/image_raw": Wanted(Image, kept=KEPT_IMAGES) for part in parts}
     return found | {f"{topic}/{parts[0]}/camera_info": Wanted(CameraInfo, latched=True)}
 

@@ -9,12 +9,11 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any
 
 import numpy as np
 
-from trocar.crtk.bus import Bus, Publisher, open_bus
-from trocar.crtk.images import color_message, depth_message, info_message
+from trocar.crtk.bus import Bus, open_bus
+from trocar.crtk.images import color_message, depth_message, info_message, parts_of
 from trocar.crtk.messages import CameraInfo, Header, Image
 from trocar.eval.staged import Files, image_files
 from trocar.hardware.priority import ahead_of_others
@@ -102,41 +101,31 @@ class CameraTopics:
     """The topics of one camera: an RGBD camera's colours and depth, or a pair's left and right, with their lenses."""
 
     def __init__(self, bus: Bus, topic: str, name: str, renderer: CameraRenderer):
-        model, pair = renderer.model, isinstance(renderer.model, StereoRig)
-        self._parts: tuple[str, str] = ("left", "right") if pair else ("color", "depth")
-        frames = [f"{name}_left_optical", f"{name}_right_optical"] if pair else [f"{name}_optical"] * 2
-        self._frames: dict[str, str] = dict(zip(self._parts, frames, strict=True))
-        self._images: dict[str, Publisher[Image]] = {
-            part: bus.publisher(f"{topic}/{part}/image_raw", Image) for part in self._parts
-        }
-        self._infos: dict[str, Publisher[CameraInfo]] = {
-            part: bus.publisher(f"{topic}/{part}/camera_info", CameraInfo, latched=True) for part in self._parts
-        }
-        self._model: Any = model
+        self._model, self._parts = renderer.model, parts_of(renderer.model)
+        pair = isinstance(renderer.model, StereoRig)
+        self._frames = [f"{name}_{part}_optical" if pair else f"{name}_optical" for part in self._parts]
+        self._images = [bus.publisher(f"{topic}/{part}/image_raw", Image) for part in self._parts]
+        self._infos = [bus.publisher(f"{topic}/{part}/camera_info", CameraInfo, latched=True) for part in self._parts]
         self._send_infos(Header())
 
     def wanted(self) -> bool:
         """Return whether anybody subscribes an image."""
-        return any(publisher.readers() for publisher in self._images.values())
+        return any(publisher.readers() for publisher in self._images)
 
     def publish(self, image: Taken, header: Header) -> None:
         """Publish an image, both parts with the same stamp, and the lenses."""
-        messages: dict[str, Image] = {}
-        for part in self._parts:
-            here = Header(header.stamp, self._frames[part])
-            if isinstance(image, StereoImage):
-                messages[part] = color_message(image.left if part == "left" else image.right, here)
-            elif part == "color":
-                messages[part] = color_message(image.color, here)
-            else:
-                messages[part] = depth_message(image.depth_m, here)
-        for part, message in messages.items():
-            self._images[part].send(message)
+        first, second = (Header(header.stamp, frame) for frame in self._frames)
+        if isinstance(image, StereoImage):
+            messages = color_message(image.left, first), color_message(image.right, second)
+        else:
+            messages = color_message(image.color, first), depth_message(image.depth_m, second)
+        for publisher, message in zip(self._images, messages, strict=True):
+            publisher.send(message)
         self._send_infos(header)
 
     def _send_infos(self, header: Header) -> None:
-        for part, publisher in self._infos.items():
-            publisher.send(info_message(self._model, part, Header(header.stamp, self._frames[part])))
+        for publisher, part, frame in zip(self._infos, self._parts, self._frames, strict=True):
+            publisher.send(info_message(self._model, part, Header(header.stamp, frame)))
 
 
 class Kept:

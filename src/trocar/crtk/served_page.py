@@ -12,12 +12,11 @@ from types import TracebackType
 from trocar.cell import Cell
 from trocar.crtk.bus import open_bus
 from trocar.crtk.convert import seconds
-from trocar.crtk.images import color_of
+from trocar.crtk.images import color_of, parts_of
 from trocar.crtk.messages import Image
 from trocar.crtk.served_cell import ServedCell
 from trocar.eval.sight import SimSight
 from trocar.lab.topics import Topics
-from trocar.perception.image import StereoRig
 from trocar.replay import painted
 from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
@@ -56,8 +55,7 @@ class ServedPage:
         self._received: dict[str, deque[tuple[float, int]]] = {name: deque() for name in served.arms}
         scenery = replace(self._sight.scenery, solids=painted(self._sight.scenery.solids, colours))
         images = {
-            name: f"{topics.of_camera(name)}/{'left' if isinstance(camera.renderer.model, StereoRig) else 'color'}"
-            for name, camera in laboratory.cameras.items()
+            name: f"{topics.of_camera(name)}/{parts_of(camera.model)[0]}" for name, camera in laboratory.cameras.items()
         }
         self._page = LivePage(scenery, title, self._moment(), port, partial(heard_images, topics, images))
 
