@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,7 @@ class Watch:
     ):
         self._port, self._told_address = port, told
         self._page: LivePage | None = None
+        self._open = ExitStack()
         self._left_over: list[Said] = []
         self._inputs = None if inputs is None else Inputs(inputs, lambda: self._state)
         self._state: Mapping[str, Any] = {"arms": {}}
@@ -68,17 +69,12 @@ class Watch:
 
     def __enter__(self) -> Watch:
         if self._inputs is not None:
-            self._inputs.__enter__()
+            self._open.enter_context(self._inputs)
             self._told_address(f"tcp://127.0.0.1:{self._inputs.port} for devices")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        if self._inputs is not None:
-            self._inputs.__exit__()
-        if self._page is not None:
-            self._page.__exit__(kind, error, traceback)
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
 
     @property
     def address(self) -> str:
@@ -128,7 +124,7 @@ class Watch:
         if self._page is None and self._port is not None:
             title = " ".join(part for part in (config.task.name, config.task.variant, config.method) if part)
             page = LivePage(scenery, title, self._moment(), self._port, opens=opened)
-            self._page = page.__enter__()
+            self._page = self._open.enter_context(page)
             self._scene = None
             self._told_address(self.address)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from multiprocessing import get_context
-from types import TracebackType
 
 import trio
 
@@ -69,9 +68,7 @@ class ServedCameras:
                 self._pipe.poll(0.05)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._pipe.close()
         if self._process is not None:
             self._process.join(END_S)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 
 import trio
 
@@ -73,18 +72,14 @@ class ServedCell:
         self._server = CrtkServer(laboratory, topics, speed, faults=faults, allowed=allowed)
         self._cameras = ServedCameras(laboratory, topics, images_hz)
         self.arms, self.refused, self.movers = self._server.arms, self._server.refused, self._server.movers
-        self._beside: list[Script] = [self._server.serve, self._cameras.serve]
-        self._open = ExitStack()
         self._core_share = 0.0
 
     def __enter__(self) -> ServedCell:
-        self._open.enter_context(self._cameras)
+        self._cameras.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._open.close()
+    def __exit__(self, *_: object) -> None:
+        self._cameras.__exit__()
 
     def run(self, seconds: float, also: Sequence[Script] = ()) -> End:
         """Serve for this time of the cell, or until Ctrl-C or one of the signals ``ENDING``; return how it ended.
@@ -96,7 +91,7 @@ class ServedCell:
 
         async def serve(cell: Cell) -> None:
             async with trio.open_nursery() as nursery:
-                for script in (*self._beside, *also):
+                for script in (self._server.serve, self._cameras.serve, *also):
                     nursery.start_soon(script, cell)
 
         began_s, worked_s = time.perf_counter(), time.process_time()

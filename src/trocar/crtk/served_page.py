@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from types import TracebackType
 
 from trocar.cell import Cell
 from trocar.crtk.bus import open_bus
@@ -63,10 +62,8 @@ class ServedPage:
         self._page.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._page.__exit__(kind, error, traceback)
+    def __exit__(self, *_: object) -> None:
+        self._page.__exit__(None, None, None)
 
     @property
     def address(self) -> str:
