@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.cell import SetPoint
+from trocar.cell import Robot
 from trocar.hardware.messages import Report
 from trocar.robots.driver import TICK_S
-
-
-class _Asked(Protocol):
-    def setpoint(self, arm: str) -> SetPoint: ...
 
 
 class HardwareRecord:
@@ -26,7 +21,7 @@ class HardwareRecord:
     """
 
     def __init__(self, arms: Sequence[str]):
-        self.asked_of: _Asked | None = None
+        self.asked_of: Robot | None = None
         self._times: list[float] = []
         self._rows: dict[str, list[NDArray[np.float64]]] = {name: [] for name in arms}
 
@@ -51,7 +46,8 @@ class HardwareRecord:
         """
         times_s = np.array(self._times) - origin_s
         if not len(times_s):
-            return {f"{kind}_{name}": np.zeros((0, 7)) for kind in KINDS for name in self._rows}
+            kinds = ("desired", "commanded", "measured")
+            return {f"{kind}_{name}": np.zeros((0, 7)) for kind in kinds for name in self._rows}
         grid_s = TICK_S * np.arange(math.ceil(max(times_s[-1], 0.0) / TICK_S - 1e-9) + 1)
         now = np.clip(np.searchsorted(times_s, grid_s, side="right") - 1, 0, None)
         asked = np.clip(np.searchsorted(times_s + lead_s, grid_s, side="right") - 1, 0, None)
@@ -61,6 +57,3 @@ class HardwareRecord:
             found[f"desired_{name}"] = np.column_stack([table[asked, :6], table[now, 6]])
             found[f"commanded_{name}"], found[f"measured_{name}"] = table[now, 7:14], table[now, 14:]
         return found
-
-
-KINDS = ("desired", "commanded", "measured")
