@@ -48,6 +48,8 @@ class Console:
         cell: below any compensation; None: it has not begun.
         hands: the arms in the person's hands.
         latencies_s: from inputs to the set-points that followed them.
+        stopped: whether the arms were stopped, and not let go on.
+        ended: why the person ended the trial; empty if nobody did.
     """
 
     def __init__(
@@ -70,7 +72,7 @@ class Console:
         self._robot: Supervised | None = None
         self._question: Question | None = None
         self._asked, self._goal_begins, self._works = 0, True, False
-        self._stopped, self._paused, self._ended = stopped, False, ""
+        self.stopped, self._paused, self.ended = stopped, False, ""
         self._taken: set[str] = set()
         self._scopes: dict[str, trio.CancelScope] = {}
         self._changed, self._done = trio.Event(), trio.Event()
@@ -108,23 +110,13 @@ class Console:
                 await trio.to_thread.run_sync(time.sleep, self._due_s - now)
 
     @property
-    def stopped(self) -> bool:
-        """Return whether the arms were stopped, and not let go on."""
-        return self._stopped
-
-    @property
-    def ended(self) -> str:
-        """Return why the person ended the trial; empty if nobody did."""
-        return self._ended
-
-    @property
     def asks(self) -> bool:
         """Return whether a motion waits for a yes, and nothing else is in its way."""
-        return self._question is not None and not (self._stopped or self._taken)
+        return self._question is not None and not (self.stopped or self._taken)
 
     @property
     def _stands(self) -> bool:
-        return not self._ended and not self._steps and (self._paused or self.asks) and not self._over()
+        return not self.ended and not self._steps and (self._paused or self.asks) and not self._over()
 
     # a supervisor of the robot
 
@@ -155,7 +147,7 @@ class Console:
 
     def forbids(self, arm: str) -> bool:
         """Return whether the arm is stopped or in the person's hands."""
-        return self._stopped or arm in self._taken
+        return self.stopped or arm in self._taken
 
     @property
     def _needs_yes(self) -> bool:
@@ -175,8 +167,8 @@ class Console:
                 if not self._paced:
                     self._listen()
                     self._show()
-                if self._ended:
-                    raise EmergencyStop(self._ended)
+                if self.ended:
+                    raise EmergencyStop(self.ended)
                 for arm in self._taken - set(self._scopes):
                     self._scopes[arm] = trio.CancelScope()
                     nursery.start_soon(self._lend, arm)
@@ -266,20 +258,20 @@ class Console:
             case Wish.STOP:
                 self._stop("")
             case Wish.GO_ON:
-                self._stopped = False
+                self.stopped = False
             case Wish.EMERGENCY:
                 self._stop(said.value or "a person pressed the emergency stop")
             case Wish.LEFT if self.needed:  # nobody holds an arm any more, and what waits for somebody stops
                 self._stop("")
             case Wish.TAKE if not self._works:
                 self._taken.add(said.arm)
-            case Wish.RETURN if said.arm in self._scopes and not self._stopped:
+            case Wish.RETURN if said.arm in self._scopes and not self.stopped:
                 self._scopes[said.arm].cancel()
-            case Wish.HOLD if hand is not None and not self._stopped:
+            case Wish.HOLD if hand is not None and not self.stopped:
                 hand.hold(said.value, said.at_s, said.source)
             case Wish.RELEASE if hand is not None:
                 hand.release(said.source)
-            case Wish.JAW if hand is not None and not self._stopped:
+            case Wish.JAW if hand is not None and not self.stopped:
                 hand.open_jaws(said.value)
             case Wish.LEVEL:
                 self.level = said.value
@@ -302,7 +294,7 @@ class Console:
 
     def _stop(self, why_ended: str) -> None:
         """Brake all arms; a reason ends the trial."""
-        self._stopped, self._ended = True, why_ended or self._ended
+        self.stopped, self.ended = True, why_ended or self.ended
         for hand in self.hands.values():
             hand.stop()
         if self.cell is not None:
@@ -334,10 +326,10 @@ class Console:
             hands[arm] = None if hand.held else (tip.translation_m, tip.rotation.as_quaternion())
         refused = next((hand.refused for hand in self.hands.values() if hand.refused), "")
         speed = self.speed if self._paced else None
-        now = Standing("", level=self.level, speed=speed, stopped=self._stopped, works=self._works, hands=hands)
-        if self._ended:
-            return replace(now, words=f"Ended: {self._ended}", colour=BAD)
-        if self._stopped:
+        now = Standing("", level=self.level, speed=speed, stopped=self.stopped, works=self._works, hands=hands)
+        if self.ended:
+            return replace(now, words=f"Ended: {self.ended}", colour=BAD)
+        if self.stopped:
             return replace(now, words="Stopped: arms stay where they are until you let them go on", colour=BAD)
         if self.hands:
             words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle; let go to rest"
