@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from trocar.crtk.dialect import jaw_topic, joint_names, plain_name
 from trocar.crtk.explaining import FRAME_M, FRAME_RAD, POSE_M, POSE_RAD, Cause, apart, frame_of, near
 from trocar.crtk.heard_arm import ArmHeard, Finding
+from trocar.crtk.laboratory import loop_settings
 from trocar.crtk.messages import JointState
 from trocar.geometry import shown
 from trocar.hardware.arm import DrivenArm, LoopSettings
@@ -174,7 +173,7 @@ def following(about: ArmHeard) -> Finding:
     if blocked := about.after("finite", "stamps", "units", "order", "ranges", "speeds"):
         return blocked
     (at_s, q), (set_s, sent) = about.joints("measured_js"), about.joints("setpoint_js")
-    settings = replace(USUAL, **about.topics.loop)  # type: ignore[arg-type]
+    settings = loop_settings(about.topics)
     arm = about.station.arms[about.arm]
     within = DrivenArm(arm.model, arm.limits).following(settings)
     first_s = set_s[0] + settings.lag_s if len(set_s) else np.inf
