@@ -10,7 +10,7 @@ from typing import Any
 from trocar.errors import BadFile, InvalidValue
 from trocar.eval.config import SESSION, RunConfig
 from trocar.eval.folder import open_folder
-from trocar.eval.method import CLIENT, Method, NoSettings, methods_of, pick_method
+from trocar.eval.method import CLIENT, NoSettings, methods_of, pick_method
 from trocar.eval.prepare import Prepared
 from trocar.eval.staged import End, Files, StagedTrial
 from trocar.eval.task import Task
@@ -52,8 +52,9 @@ class Referee:
             if value < 0:
                 raise InvalidValue(name, value, "give 0 or more")
         kind = type(task)
-        plain = [name for name in methods_of(kind) if not _prepares(pick_method(kind, name))]
-        method, sessions, trials = (plain or methods_of(kind))[0], session + 1, trial + 1
+        known = {name: pick_method(kind, name) for name in methods_of(kind)}
+        plain = [name for name, one in known.items() if not (one.calibrated or one.learns)]
+        method, sessions, trials = (plain or list(known))[0], session + 1, trial + 1
         config = ServedRun(task, method=method, station=station, seed=seed, sessions=sessions, trials=trials)
         self.path = trial_file(out, session, trial)
         if (session, trial) not in open_folder(config, out):
@@ -67,8 +68,3 @@ class Referee:
         """Score and save the trial; return the path of its file."""
         wall_s = time.perf_counter() - self._began_s
         return self.staged.finished(end, wall_s, NoSettings(), images).save(self.path)
-
-
-def _prepares(method: Method) -> bool:
-    """Return whether a method needs anything before its first trial."""
-    return method.calibrated or method.learns
