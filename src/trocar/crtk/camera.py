@@ -15,7 +15,16 @@ from trocar.crtk.images import color_of, cut_out, depth_of, lens_of, parts_of
 from trocar.crtk.messages import CameraInfo, Empty, Image
 from trocar.errors import InvalidInput, TrocarError
 from trocar.lab.topics import Topics
-from trocar.perception.image import CameraModel, Intrinsics, RgbdImage, StereoImage, StereoRig, StereoWindow, Window
+from trocar.perception.image import (
+    CameraModel,
+    Intrinsics,
+    RgbdImage,
+    StereoImage,
+    StereoRig,
+    StereoWindow,
+    Window,
+    read_out,
+)
 from trocar.perception.image import Image as Taken
 
 CONNECT_S = 5.0
@@ -99,7 +108,7 @@ class CrtkCamera:
             NoImage: none came in time.
             InvalidInput: the window leaves the image, or is of another kind of camera.
         """
-        _require_window(self.model, window)
+        read_out(self.model, window)  # one that is refused asks for no image
         asked_s = time.time()
         self._trigger.send(Empty())
         first, second = await self._answer(asked_s)
@@ -139,14 +148,3 @@ class CrtkCamera:
         if isinstance(self.model, StereoRig):
             return StereoImage(color_of(first, item), color_of(second, item), self.model, time_s)
         return RgbdImage(color_of(first, item), depth_of(second, item), self.model, time_s)
-
-
-def _require_window(model: CameraModel, window: Window | StereoWindow | None) -> None:
-    """Raise unless a camera can read out a window."""
-    if isinstance(model, StereoRig) and isinstance(window, StereoWindow):
-        window.of(model)
-    elif isinstance(model, Intrinsics) and isinstance(window, Window):
-        model.cropped(window.corner_px, window.size_px)
-    elif window is not None:
-        kind, have = ("StereoWindow", "two lenses") if isinstance(model, StereoRig) else ("Window", "one lens")
-        raise InvalidInput(f"a camera of {have}", f"cannot read out {window!r}", f"give a {kind}")

@@ -125,6 +125,22 @@ CameraModel = Intrinsics | StereoRig
 Image = RgbdImage | StereoImage
 
 
+def read_out(model: CameraModel, window: Window | StereoWindow | None) -> CameraModel:
+    """Return the camera that reads out only a window; None: all of it.
+
+    Raises:
+        InvalidInput: the window leaves the image, or is for another kind of camera.
+    """
+    if window is None:
+        return model
+    if isinstance(model, StereoRig) and isinstance(window, StereoWindow):
+        return window.of(model)
+    if isinstance(model, Intrinsics) and isinstance(window, Window):
+        return model.cropped(window.corner_px, window.size_px)
+    kind, have = ("StereoWindow", "two lenses") if isinstance(model, StereoRig) else ("Window", "one lens")
+    raise InvalidInput(f"a camera of {have}", f"cannot read out {window!r}", f"give a {kind}")
+
+
 def _require_colors(item: str, color: NDArray[np.uint8], lens: Intrinsics) -> None:
     wanted = (lens.height, lens.width, 3)
     if color.shape != wanted or color.dtype != np.uint8:

@@ -8,10 +8,9 @@ import mujoco
 import numpy as np
 import trio
 
-from trocar.errors import InvalidInput
 from trocar.geometry import SE3
 from trocar.lab import SensorFlaws, StationCamera
-from trocar.perception.image import CameraModel, Image, Intrinsics, StereoImage, StereoRig, StereoWindow, Window
+from trocar.perception.image import Image, Intrinsics, StereoImage, StereoRig, StereoWindow, Window, read_out
 from trocar.sim.appearance import Appearance
 from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
@@ -59,7 +58,8 @@ class CameraRenderer:
         Raises:
             InvalidInput: the window is for another kind of camera.
         """
-        model, windows = self.read_out(window)
+        model = read_out(self.model, window)
+        windows = [window.left, window.right] if isinstance(window, StereoWindow) else [window] * len(self.lenses)
         by = window.binning if isinstance(window, StereoWindow) else 1
         if by not in self._binned:
             self._binned[by] = [lens.binned(by) for lens in self.lenses]
@@ -74,17 +74,6 @@ class CameraRenderer:
             left, right = (lens.render_color(data, rng, gain) for lens, gain in zip(lenses, STEREO_GAINS, strict=True))
             return StereoImage(left, right, model, float(data.time))
         return lenses[0].render(data, rng)
-
-    def read_out(self, window: Window | StereoWindow | None) -> tuple[CameraModel, list[Window | None]]:
-        """Return the camera that reads out only a window, and the window of each lens; refuse as ``image``."""
-        if window is None:
-            return self.model, [None] * len(self.lenses)
-        if isinstance(self.model, StereoRig) and isinstance(window, StereoWindow):
-            return window.of(self.model), [window.left, window.right]
-        if isinstance(self.model, Intrinsics) and isinstance(window, Window):
-            return self.model.cropped(window.corner_px, window.size_px), [window]
-        kind = "a StereoWindow" if isinstance(self.model, StereoRig) else "a Window"
-        raise InvalidInput(f"a camera of {len(self.lenses)} lens(es)", f"cannot read out {window!r}", f"give {kind}")
 
 
 class SimCamera:
@@ -107,7 +96,7 @@ class SimCamera:
 
     async def capture(self, window: Window | StereoWindow | None = None) -> Image:
         """Expose one image; it shows the end of the exposure."""
-        self.renderer.read_out(window)  # a window that is refused takes no time
+        read_out(self.model, window)  # a window that is refused takes no time
         async with self._exposures:
             await trio.sleep(self.exposure_s)
         image = self.renderer.image(self._world.data, self.rng, window)
