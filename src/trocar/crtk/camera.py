@@ -15,16 +15,7 @@ from trocar.crtk.images import color_of, cut_out, depth_of, lens_of, parts_of
 from trocar.crtk.messages import CameraInfo, Empty, Image
 from trocar.errors import InvalidInput, TrocarError
 from trocar.lab.topics import Topics
-from trocar.perception.image import (
-    CameraModel,
-    Intrinsics,
-    RgbdImage,
-    StereoImage,
-    StereoRig,
-    StereoWindow,
-    Window,
-    read_out,
-)
+from trocar.perception.image import CameraModel, RgbdImage, StereoImage, StereoRig, StereoWindow, Window, read_out
 from trocar.perception.image import Image as Taken
 
 CONNECT_S = 5.0
@@ -87,12 +78,13 @@ class CrtkCamera:
         deadline_s = time.monotonic() + CONNECT_S
         while not info.take() and time.monotonic() < deadline_s:
             time.sleep(0.01)
-        self._check(info.last, lens_of(model), f"{self._topic}/{parts[0]}/camera_info")
+        self._check(info.last, f"{self._topic}/{parts[0]}/camera_info")
 
-    def _check(self, info: CameraInfo | None, lens: Intrinsics, topic: str) -> None:
+    def _check(self, info: CameraInfo | None, topic: str) -> None:
         if info is None:
             problem, remedy = f"publishes no {topic} within {CONNECT_S:g} s", "check that it runs, and its namespace"
             raise InvalidInput(f"camera {self._name!r}", problem, remedy)
+        lens = lens_of(self.model)
         if (info.width, info.height) != (lens.width, lens.height):
             problem = (
                 f"publishes {info.width} x {info.height} pixels, and the station says {lens.width} x {lens.height}"
