@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trocar.crtk.bus import Bus, Keeping, Subscriber, open_bus, stamped
 from trocar.crtk.dialect import (
     as_positions,
+    command_of,
     held_topic,
     jaw_in,
     jaw_topic,
@@ -88,7 +89,7 @@ class CrtkArm:
         self._setpoint = bus.subscriber(f"{topic}/{held}", JointState)
         self._jaw_measured = bus.subscriber(f"{jaw}/measured_js", JointState)
         self._jaw_setpoint = bus.subscriber(f"{jaw}/{held}", JointState)
-        command = "servo_jr" if raven else self._command.value
+        command = command_of(topics)
         keeping: Keeping = {} if raven else {"kept": 1}  # of increments each counts, of positions only the newest
         self._out = bus.publisher(f"{topic}/{command}", JointState, **keeping)
         self._jaw_out = None if raven else bus.publisher(f"{jaw}/{command}", JointState, **keeping)

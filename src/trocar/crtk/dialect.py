@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from trocar.crtk.messages import JointState, OldOperatingState, OperatingState, PoseStamped, TransformStamped
 from trocar.errors import InvalidInput
-from trocar.lab.topics import Dialect
+from trocar.lab.topics import Dialect, Topics
 
 PSM_JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 """Names and order of a PSM's joints (sawIntuitiveResearchKit 2.4)."""
@@ -58,6 +58,11 @@ def jaw_topic(dialect: Dialect, topic: str) -> str:
     if dialect is Dialect.RAVEN and name.startswith("arm"):
         return f"{head}{slash}grasp{name.removeprefix('arm')}"
     return f"{topic}/jaw"
+
+
+def command_of(topics: Topics) -> str:
+    """Return the topic below an arm's on which its joints are commanded: a Raven takes increments alone."""
+    return "servo_jr" if topics.dialect is Dialect.RAVEN else topics.command.value
 
 
 def held_topic(dialect: Dialect) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from trocar.crtk.arm import connect
 from trocar.crtk.camera import CrtkCamera
+from trocar.crtk.dialect import command_of
 from trocar.errors import UnknownName
 from trocar.hardware import HardwareLaboratory, LoopSettings
 from trocar.hardware.kinds import RobotKind
@@ -52,9 +53,8 @@ def where(station: Station, arm: str) -> str:
     topics = station.crtk
     domain = "of the environment" if topics.domain is None else topics.domain
     network = f"master {topics.master}" if topics.ros == 1 else f"domain {domain}"
-    verb = "servo_jr" if topics.dialect is Dialect.RAVEN else topics.command.value
-    tick_s = loop_settings(topics).tick_s
-    return f"{topics.of_arm(arm)}/{verb} over ROS {topics.ros} on {topics.interface}, {network}, at {1 / tick_s:.0f} Hz"
+    topic, rate_hz = f"{topics.of_arm(arm)}/{command_of(topics)}", 1 / loop_settings(topics).tick_s
+    return f"{topic} over ROS {topics.ros} on {topics.interface}, {network}, at {rate_hz:.0f} Hz"
 
 
 CRTK = RobotKind("arms and cameras that speak CRTK, as the station's table [crtk] says", laboratory, where)

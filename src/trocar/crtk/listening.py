@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from trocar.crtk.bus import Bus, Endpoint, Subscriber
-from trocar.crtk.dialect import held_topic, jaw_topic, pose_kind, state_kind
+from trocar.crtk.dialect import command_of, held_topic, jaw_topic, pose_kind, state_kind
 from trocar.crtk.images import parts_of
 from trocar.crtk.messages import CameraInfo, Empty, Image, JointState, StringStamped
 from trocar.lab.station import Station
@@ -55,8 +55,7 @@ def published_by(arm: str, topics: Topics) -> dict[str, Wanted]:
 def heard_by(arm: str, topics: Topics) -> dict[str, type]:
     """Return the commands that an arm has to take from the loop that drives it, by their full topics."""
     topic, raven = topics.of_arm(arm), topics.dialect is Dialect.RAVEN
-    verb = "servo_jr" if raven else topics.command.value
-    kinds: dict[str, type] = {f"{topic}/{verb}": JointState}
+    kinds: dict[str, type] = {f"{topic}/{command_of(topics)}": JointState}
     if raven:  # its jaws' joints are among the arm's
         return kinds
     kinds[f"{jaw_topic(topics.dialect, topic)}/{topics.command.value}"] = JointState
