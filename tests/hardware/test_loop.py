@@ -311,7 +311,8 @@ def test_motions_wait_for_an_arm_that_takes_set_points_in_parts_and_nothing_is_l
     bench = Bench(names=("a", "b"))
     part = InParts()
     bench.arms["a"] = FaultyArm(part, "", 8)
-    bench.loop = HardwareLoop(dict.fromkeys("ab", DrivenArm(ARM, PAPER)), bench.connect, LoopSettings())
+    patient = LoopSettings(watchdog_s=60.0)  # it takes a good part of a second, on a busy machine more
+    bench.loop = HardwareLoop(dict.fromkeys("ab", DrivenArm(ARM, PAPER)), bench.connect, patient)
     bench.say(Start(1, {"a": there(), "b": there()}))
     began = bench.loop._ticks
     for tick in range(2000):
