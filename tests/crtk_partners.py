@@ -11,12 +11,31 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
+DOMAIN = 40 + os.getpid() % 150
+"""A ROS domain for the tests of this process alone."""
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "ROS_DOMAIN_ID": str(DOMAIN)}
+"""Of programs in this Python."""
+LIMIT_S = 30.0
+
+
+def until(holds: Callable[[], object]) -> None:
+    """Wait until something holds."""
+    end_s = time.monotonic() + LIMIT_S
+    while not holds():
+        assert time.monotonic() < end_s, "it does not come to that"
+        time.sleep(0.01)
+
+
+def trocar(*words: object, stderr: int = subprocess.STDOUT) -> subprocess.Popen[str]:
+    """Start a command of trocar."""
+    command = [sys.executable, "-m", "trocar", *map(str, words)]
+    return subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=stderr, text=True)
 
 
 def python_of(ros: int) -> Path:

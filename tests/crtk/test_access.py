@@ -1,6 +1,5 @@
 """Who may command is told over the real bus by machine and by ROS node, whoever else sends at the same time."""
 
-import os
 import sys
 import time
 from contextlib import ExitStack
@@ -9,15 +8,13 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from crtk_partners import ROOT, environment_of, process, python_of
+from crtk_partners import DOMAIN, ENVIRONMENT, LIMIT_S, environment_of, process, python_of
 from trocar.crtk.access import AccessBus
 from trocar.crtk.bus import open_bus
 from trocar.crtk.messages import JointState
 from trocar.lab.topics import Topics
 
 pytestmark = pytest.mark.realtime
-DOMAIN = 40 + os.getpid() % 150
-LIMIT_S = 30.0
 NAMELESS = """
 import sys, time
 from trocar.crtk.bus import open_bus, stamped
@@ -67,8 +64,7 @@ class Robot:
 def test_a_program_without_a_node_is_known_by_its_machine(allowed, admitted):
     topic = f"/{allowed.strip('/*').replace('.', '_') or 'anybody'}/move_jp"
     robot = Robot(topic, [allowed])
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
-    with process([sys.executable, "-c", NAMELESS, str(DOMAIN), topic, "it"], environment):
+    with process([sys.executable, "-c", NAMELESS, str(DOMAIN), topic, "it"], ENVIRONMENT):
         robot.until(lambda: len(robot.heard) >= 5 or robot.refused() >= 5)
     assert bool(robot.heard) is admitted
     assert bool(robot.refused()) is not admitted

@@ -1,7 +1,6 @@
 """What is wrong with a live arm is told by its kind, and nothing more is sent to it then."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -15,7 +14,7 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from crtk_partners import ROOT, process, served
+from crtk_partners import DOMAIN, ENVIRONMENT, LIMIT_S, process, served, until
 from memory_bus import MemoryBus
 from trocar.crtk.arm import HEARD_S, CrtkArm
 from trocar.crtk.bus import open_bus, stamped
@@ -27,10 +26,8 @@ from trocar.lab import load_station
 from trocar.lab.topics import Command, Dialect, Topics
 
 pytestmark = pytest.mark.realtime
-DOMAIN = 40 + os.getpid() % 150
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
 PARK = load_station("peg-transfer").arms["psm1"].park_q()
-LIMIT_S, STALE_S = 30.0, LoopSettings.stale_s
+STALE_S = LoopSettings.stale_s
 
 
 @contextmanager
@@ -90,13 +87,6 @@ def fault_of(arm, meanwhile=lambda: None):
             return error
         time.sleep(0.01)
     raise AssertionError("it tells nothing")
-
-
-def until(holds):
-    end_s = time.monotonic() + LIMIT_S
-    while not holds():
-        assert time.monotonic() < end_s, "it does not come to that"
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """A camera on the network that answers well, late or not at all."""
 
-import os
 import threading
 import time
 
@@ -14,6 +13,7 @@ from cyclonedds.core import Policy, Qos
 from cyclonedds.pub import DataWriter
 from cyclonedds.util import duration
 
+from crtk_partners import DOMAIN
 from trocar.crtk import camera as camera_module
 from trocar.crtk.bus import open_bus, stamped
 from trocar.crtk.camera import CrtkCamera, ImageFault, NoImage
@@ -24,7 +24,7 @@ from trocar.lab.topics import Topics
 from trocar.perception.image import Intrinsics, Window
 
 pytestmark = pytest.mark.realtime
-TOPICS = Topics(domain=40 + os.getpid() % 150)
+TOPICS = Topics(domain=DOMAIN)
 LENS = Intrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
 COLOR = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
 DEPTH_M = np.linspace(0.1, 0.5, 48, dtype=np.float32).reshape(6, 8)

@@ -1,10 +1,8 @@
 """A collection over the network: the arm that wears the spheres in one process, who calibrates it in another."""
 
 import json
-import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -13,24 +11,14 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from crtk_partners import patient
+from crtk_partners import patient, trocar
 from trocar.calibration.recording import load_recording
 from trocar.collect.collection import Collection
 from trocar.lab import load_station, station_text
 from trocar.lab.session import draw_session
 
 pytestmark = pytest.mark.realtime
-ENVIRONMENT = {
-    **os.environ,
-    "PYTHONPATH": os.pathsep.join(sys.path),
-    "ROS_DOMAIN_ID": str(40 + os.getpid() % 150),
-}
 SEED, ROWS, STOPPED_AT = 2, 30, 12
-
-
-def trocar(*words):
-    words = [sys.executable, "-m", "trocar", *map(str, words)]
-    return subprocess.Popen(words, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.fixture
@@ -39,7 +27,7 @@ def station(tmp_path):
     coarse, mine = tmp_path / "coarse.toml", tmp_path / "mine.toml"
     coarse.write_text(station_text("peg-transfer").replace("binning = 2 ", "binning = 4 "), encoding="utf-8")
     process = trocar("crtk", "serve", coarse, "--spheres", "psm1", "--seed", SEED, "--client-station", mine)
-    for line in process.stderr:
+    for line in process.stdout:
         if "a client's station" in line:
             break
     patient(mine)
@@ -53,14 +41,14 @@ def test_a_collection_over_the_network_is_stopped_goes_on_and_finds_the_true_joi
     words = ("calibrate", "collect", "--robot", f"crtk:{station}", "--arm", "psm1", "--rows", ROWS, "--wide")
     words = (*words, "--seed", SEED, "--no-fit", "--out", tmp_path / "cal", "--enable-motion", "--yes", "--json")
     spheres = tmp_path / "cal" / "spheres_psm1.npz"
-    first = trocar(*words)
+    first = trocar(*words, stderr=subprocess.PIPE)
     rows_seen(first, spheres)
     first.send_signal(signal.SIGINT)
     out, err = first.communicate(timeout=120)
     assert first.returncode == 130 and "run the same command to continue" in " ".join(err.split()), err
     before = centers(spheres)
     assert STOPPED_AT <= len(before) < ROWS + 2
-    again = trocar(*words)
+    again = trocar(*words, stderr=subprocess.PIPE)
     out, err = again.communicate(timeout=300)
     assert again.returncode == 0, err
     np.testing.assert_array_equal(centers(spheres)[: len(before)], before)  # what was seen is not looked at again

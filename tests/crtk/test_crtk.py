@@ -1,6 +1,5 @@
 """A simulated cell that speaks CRTK, and arms that are driven over it, in processes of their own."""
 
-import json
 import os
 import re
 import subprocess
@@ -14,6 +13,8 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
+from crtk_partners import DOMAIN, said
+from crtk_partners import served as serving
 from trocar.arms import MotionLimits, fk, ik
 from trocar.cli.crtk import doctor
 from trocar.crtk.arm import CrtkArm, connect
@@ -33,32 +34,15 @@ from trocar.testing import check_robot
 pytestmark = pytest.mark.realtime
 STATION = load_station("peg-transfer")
 ARM = STATION.arms["psm1"]
-DOMAIN = 40 + os.getpid() % 150
 TOPICS = Topics(domain=DOMAIN, loop={"stale_s": 5.0})  # a busy machine is slow
 PATIENT = LoopSettings(max_late=10_000, max_stall_s=60.0, watchdog_s=60.0, stale_s=5.0, lag_s=1.0)
 """A machine that runs other tests beside this one may be late."""
 
 
-class Served:
-    """A served cell; ``stop`` returns what it says at its end."""
-
-    def __init__(self, *more):
-        words = [sys.executable, "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--json"]
-        words += ["--domain", str(DOMAIN), *more]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-        self.process = subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
-
-    def stop(self):
-        self.process.send_signal(2)
-        return json.loads(self.process.communicate(timeout=60)[0])
-
-
 @pytest.fixture
 def served():
-    cell = Served()
-    yield cell
-    cell.process.kill()
-    cell.process.wait()
+    with serving("--domain", str(DOMAIN)) as cell:
+        yield cell
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +95,8 @@ def test_an_arm_over_the_network_keeps_the_promises_of_a_robot(served, client):
     with HardwareLaboratory(STATION, partial(connect, topics=TOPICS), PATIENT) as laboratory:
         assert laboratory.run(lambda cell: check_robot(cell, "psm1", limits=slow), 120.0)
         assert max(laboratory.robot.limit_use("psm1")) <= 1.001
-    said = served.stop()
-    assert said["received"]["psm1"] > 100 and max(said["limit_use"]["psm1"]) <= 1.001
+    end = said(served)
+    assert end["received"]["psm1"] > 100 and max(end["limit_use"]["psm1"]) <= 1.001
 
 
 def ended_with(verdict, checks):
@@ -120,14 +104,12 @@ def ended_with(verdict, checks):
 
 
 def test_the_doctor_finds_an_arm_that_jitters_and_one_that_is_late(bus):
-    cell, judged = Served("--fault", "psm1:jittery", "--fault", "psm2:late"), set()
-    wanted, deadline_s = {("psm1", "jitter"), ("psm2", "latency")}, time.monotonic() + 120.0
-    try:
+    judged, wanted, deadline_s = set(), {("psm1", "jitter"), ("psm2", "latency")}, time.monotonic() + 120.0
+    with serving("--domain", str(DOMAIN), "--fault", "psm1:jittery", "--fault", "psm2:late") as cell:
         while not judged >= wanted and time.monotonic() < deadline_s:
             checks = doctor("peg-transfer", domain=DOMAIN).summary["checks"]
             judged = ended_with("pass", checks) | ended_with("fail", checks)
-    finally:
-        cell.stop()
+        said(cell)
     assert wanted <= ended_with("fail", checks)
 
 
@@ -163,8 +145,8 @@ def test_streamed_set_points_are_reached_and_counted(served, client):
         time.sleep(0.01)
     client.until(lambda: np.abs(client.q() - q).max() < 1e-9)
     assert np.abs(client.q("measured_js") - q).max() < 1e-6  # encoders are on the commanded side of the cables
-    said = served.stop()
-    assert said["received"]["psm1"] == 200 and said["received"]["psm2"] == 0
+    end = said(served)
+    assert end["received"]["psm1"] == 200 and end["received"]["psm2"] == 0
 
 
 def test_a_jump_is_followed_within_the_limits_and_noted(served, client):
@@ -172,9 +154,9 @@ def test_a_jump_is_followed_within_the_limits_and_noted(served, client):
     goal = start + [0.5, 0, 0, 0, 0, 0]
     client.out["servo_jp"].send(JointState(stamped(), [], goal.tolist()))
     client.until(lambda: np.abs(client.q() - goal).max() < 1e-9)
-    said = served.stop()
-    assert max(said["limit_use"]["psm1"]) == pytest.approx(1.0)
-    (event,) = [event for event in said["events"] if event["name"] == "servo"]
+    end = said(served)
+    assert max(end["limit_use"]["psm1"]) == pytest.approx(1.0)
+    (event,) = [event for event in end["events"] if event["name"] == "servo"]
     assert event["arm"] == "psm1" and event["share"] == pytest.approx(0.5 / (ARM.limits.velocity[0] * 0.01), rel=1e-3)
 
 
@@ -215,7 +197,7 @@ def test_a_paused_arm_obeys_nothing_until_it_is_resumed_and_refuses_words_out_of
     assert np.array_equal(client.q(), start)
     client.out["state_command"].send(StringStamped(stamped(), "resume"))
     client.until(lambda: client.came["operating_state"].last.state == "ENABLED")
-    refused = [event["reason"] for event in served.stop()["events"] if event["name"] == "refused"]
+    refused = [event["reason"] for event in said(served)["events"] if event["name"] == "refused"]
     assert refused == ["'enable' does nothing when PAUSED", "'dance' does nothing when PAUSED"]
 
 

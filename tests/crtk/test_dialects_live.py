@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from crtk_partners import ROOT, process, python_of, ros1_master, said, served
+from crtk_partners import DOMAIN, ROOT, process, python_of, ros1_master, said, served
 from trocar.crtk.bus import open_bus
 from trocar.crtk.doctor import Verdict, examine_arm
 from trocar.crtk.listening import Listener, listen
@@ -22,7 +22,6 @@ from trocar.lab.topics import Dialect, Topics
 
 pytestmark = pytest.mark.realtime
 HERE = Path(__file__).parent
-DOMAIN = 40 + os.getpid() % 150
 ALONE = DOMAIN + 1
 """Nobody else was there: one that was killed counts as there for ten seconds more."""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(HERE.parent)])}

@@ -9,6 +9,8 @@ pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from bench_crtk_disturbances import MOST_RATIO, Bench
 
+from crtk_partners import DOMAIN
+
 pytestmark = pytest.mark.realtime
 
 
@@ -16,7 +18,7 @@ pytestmark = pytest.mark.realtime
 def bench(tmp_path_factory):
     """Return a bench whose robot is kept while it is well, so that one test begins where another has stopped."""
     domain = os.environ.get("ROS_DOMAIN_ID")
-    os.environ["ROS_DOMAIN_ID"] = str(40 + os.getpid() % 150)
+    os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
     made = Bench(tmp_path_factory.mktemp("disturbed"), 0, [], sys.executable)
     yield made
     made.end()

@@ -19,6 +19,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
+from crtk_partners import DOMAIN, ENVIRONMENT, until
 from trocar.crtk.bus import open_bus
 from trocar.crtk.messages import JointState
 from trocar.crtk.ros2 import BUFFER
@@ -26,8 +27,6 @@ from trocar.crtk.ros2_graph import Gid, NodeEntities, ParticipantEntities
 from trocar.lab.topics import Topics
 
 pytestmark = pytest.mark.realtime
-DOMAIN = 40 + os.getpid() % 150
-LIMIT_S = 20.0
 LARGEST = Path("/proc/sys/net/core/rmem_max")
 PUBLISHER = """
 import sys
@@ -37,13 +36,6 @@ from trocar.lab.topics import Topics
 out = open_bus(Topics(domain=int(sys.argv[1]))).publisher("/ended/measured_js", JointState)
 sys.stdin.read()
 """
-
-
-def until(holds):
-    end_s = time.monotonic() + LIMIT_S
-    while not holds():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
 
 
 def test_nodes_that_tell_their_names_together_are_all_known():
@@ -66,9 +58,8 @@ def test_a_publisher_that_has_ended_is_not_there():
     def there():
         return [one for one in bus.endpoints() if one.topic == "/ended/measured_js" and one.publishes]
 
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     words = [sys.executable, "-c", PUBLISHER, str(DOMAIN)]
-    with subprocess.Popen(words, env=environment, stdin=subprocess.PIPE) as process:
+    with subprocess.Popen(words, env=ENVIRONMENT, stdin=subprocess.PIPE) as process:
         until(there)
         process.stdin.close()
     until(lambda: not there())

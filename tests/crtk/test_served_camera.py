@@ -1,14 +1,12 @@
 """A served camera answers a client in another process, and runs freely only until it is first asked."""
 
-import os
-
 import numpy as np
 import pytest
 import trio
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from crtk_partners import served
+from crtk_partners import DOMAIN, served
 from memory_bus import MemoryBus
 from trocar.crtk import served_camera
 from trocar.crtk.bus import open_bus
@@ -21,7 +19,7 @@ from trocar.lab.laboratory import build_cell
 from trocar.lab.topics import Topics
 
 pytestmark = pytest.mark.realtime
-TOPICS = Topics(domain=40 + os.getpid() % 150)
+TOPICS = Topics(domain=DOMAIN)
 LENS = load_station("peg-transfer").cameras["overhead"].model
 LIMIT_S = 60.0
 

@@ -1,11 +1,7 @@
 """Whoever opens the page of a served cell sees it live: its arms, who commands them, what was refused."""
 
-import os
 import re
 import signal
-import subprocess
-import sys
-import time
 
 import pytest
 
@@ -13,21 +9,19 @@ pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 from live_scene import messages
 
+from crtk_partners import DOMAIN, trocar, until
 from trocar.crtk.bus import open_bus, stamped
 from trocar.crtk.messages import JointState, StringStamped
 from trocar.lab.topics import Topics
 from trocar.tasks.peg_transfer.report import PegReport
 
 pytestmark = pytest.mark.realtime
-DOMAIN = 40 + os.getpid() % 150
 
 
 @pytest.fixture
 def served(tmp_path):
-    words = [sys.executable, "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--view"]
-    words += ["--task", "peg-transfer", "--option", "variant=bilateral", "--out", str(tmp_path)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "ROS_DOMAIN_ID": str(DOMAIN)}
-    process = subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    words = ("--task", "peg-transfer", "--option", "variant=bilateral", "--out", tmp_path)
+    process = trocar("crtk", "serve", "peg-transfer", "--seed", 3, "--view", *words)
     yield process
     process.kill()
     process.wait()
@@ -42,10 +36,7 @@ def test_the_page_tells_the_state_of_an_arm_who_commands_it_and_what_was_refused
     bus = open_bus(Topics(domain=DOMAIN))
     asked = bus.publisher("/PSM1/servo_jf", JointState)
     paused = bus.publisher("/PSM1/state_command", StringStamped)
-    end_s = time.monotonic() + 30.0
-    while not (asked.readers() and paused.readers()):
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
+    until(lambda: asked.readers() and paused.readers())
     asked.send(JointState(stamped()))
     paused.send(StringStamped(stamped(), "pause"))
     wanted, moved = {"PAUSED", "ENABLED", "servo_jf: the simulated arm is driven by positions alone", "/PSM2"}, set()

@@ -1,29 +1,16 @@
 """A block goes from peg to peg over the network: the agent in one process, the cell and its referee in another."""
 
-import os
 import signal
-import subprocess
-import sys
 
 import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from crtk_partners import patient
+from crtk_partners import patient, trocar
 from trocar.eval.trial import Trial
 
 pytestmark = pytest.mark.realtime
-ENVIRONMENT = {
-    **os.environ,
-    "PYTHONPATH": os.pathsep.join(sys.path),
-    "ROS_DOMAIN_ID": str(40 + os.getpid() % 150),
-}
 TRIAL = "session_00/trial_000.npz"
-
-
-def trocar(*words, **how):
-    words = [sys.executable, "-m", "trocar", *map(str, words)]
-    return subprocess.Popen(words, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **how)
 
 
 def said(process, limit_s=120.0):
