@@ -18,7 +18,7 @@ import sys
 import time
 from pathlib import Path
 
-from trocar.eval.statistics import Spread, session_interval
+from trocar.eval.statistics import session_interval
 from trocar.eval.trial import Trial
 from trocar.eval.trials import Trials
 
@@ -69,9 +69,9 @@ def row(name: str, played: list[Trial], judged: list[Trial]) -> tuple[str, float
     good = [sum(score["succeeded"] for score in trial.scores) for trial in judged]
     goals = [len(trial.scores) for trial in judged]
     low, high = session_interval(good, goals)
-    time_s = Spread.of([trial.duration_s for trial in played])
-    told = f"{sum(good)} of {sum(goals)} ({100 * low:.1f} to {100 * high:.1f} %), {time_s.mean:.2f} s a trial"
-    return f"  {name}: {told}", time_s.mean
+    time_s = sum(trial.duration_s for trial in played) / len(played)
+    told = f"{sum(good)} of {sum(goals)} ({100 * low:.1f} to {100 * high:.1f} %), {time_s:.2f} s a trial"
+    return f"  {name}: {told}", time_s
 
 
 def main() -> None:

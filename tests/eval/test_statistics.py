@@ -1,6 +1,5 @@
 """Rates and their intervals."""
 
-import math
 from functools import cache
 
 import numpy as np
@@ -9,7 +8,7 @@ from scipy.stats import betabinom
 
 from trocar.errors import TrocarError
 from trocar.eval import statistics
-from trocar.eval.statistics import Spread, session_interval, wilson_interval
+from trocar.eval.statistics import session_interval, wilson_interval
 
 
 @pytest.mark.parametrize(
@@ -103,10 +102,3 @@ def test_it_holds_the_truth_about_as_often_as_it_says(mean, icc, sessions, inter
         low, high = interval_of(rng.binomial(12, rates).tolist())
         held += low <= mean <= high
     assert held >= 107
-
-
-def test_a_spread_of_few_numbers_says_what_it_cannot():
-    assert Spread.of([]).count == 0 and math.isnan(Spread.of([]).mean)
-    one = Spread.of([2.0])
-    assert one.mean == 2.0 and math.isnan(one.sd)
-    assert Spread.of([1.0, 3.0]).sd == pytest.approx(math.sqrt(2))

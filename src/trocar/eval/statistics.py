@@ -1,9 +1,8 @@
-"""Rates with their intervals, and times with their spread."""
+"""Rates with their intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
@@ -79,31 +78,3 @@ def session_posterior(
         log_likelihood += count * (betaln(a + pair[0], b + pair[1] - pair[0]) - betaln(a, b))
     log_posterior = log_likelihood - 0.5 * (np.log(mean) + np.log1p(-mean))[:, None] + np.log1p(-icc)
     return mean, np.exp(log_posterior - log_posterior.max()).sum(axis=1)
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Summary of a list of numbers.
-
-    Attributes:
-        count: how many there are.
-        mean: NaN if there are none.
-        sd: standard deviation of the sample; NaN for fewer than two.
-        p50: median; NaN if there are none.
-        p95: NaN if there are none.
-    """
-
-    count: int
-    mean: float
-    sd: float
-    p50: float
-    p95: float
-
-    @staticmethod
-    def of(values: Sequence[float]) -> Spread:
-        """Return the summary of the values."""
-        x = np.asarray(values, dtype=np.float64)
-        if not len(x):
-            return Spread(0, *(float("nan"),) * 4)
-        sd = float(np.std(x, ddof=1)) if len(x) > 1 else float("nan")
-        return Spread(len(x), float(np.mean(x)), sd, *(float(p) for p in np.percentile(x, [50, 95])))

@@ -10,7 +10,7 @@ import numpy as np
 
 from trocar.errors import InvalidInput
 from trocar.eval import TaskReport
-from trocar.eval.statistics import Spread, session_interval
+from trocar.eval.statistics import session_interval
 from trocar.eval.trial import Trial
 from trocar.notebook import table
 from trocar.report.timechart import OTHER, parts_of
@@ -58,7 +58,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
     compute, missed = _compute(trials)
     use = np.max([share for trial in trials for share in trial.command_limit_use.values()], axis=0).tolist()
     speeds = [trial.machine_speed for trial in trials if trial.computations]
-    durations = Spread.of([trial.duration_s for trial in trials])
+    durations_s = [trial.duration_s for trial in trials]
     return Summary(
         {
             **{key: about[key] for key in ("task", "variant", "station", "method", "model", "planner", "seed")},
@@ -73,7 +73,10 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
                 bool(trial.scores) and all(score["succeeded"] for score in trial.scores) for trial in trials
             ),
             "mean_time_s": total_s / count if count else None,
-            "completion_time_s": {"mean": durations.mean, "sd": durations.sd if len(trials) > 1 else None},
+            "completion_time_s": {
+                "mean": float(np.mean(durations_s)),
+                "sd": float(np.std(durations_s, ddof=1)) if len(trials) > 1 else None,
+            },
             "parts_s": _parts(trials, count, report.parts),
             "collisions_per_trial": None if robot else sum(len(trial.collisions) for trial in trials) / len(trials),
             "failures": dict(Counter(str(score["failure"]) for score in attempted if score["failure"])),
