@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Protocol
 
 
-def counted(number: int, thing: str, things: str = "") -> str:
-    """Return a number with its noun: ``1 trial``, ``2 trials``; ``things`` is the plural if not formed with an s."""
-    return f"{number} {thing if number == 1 else things or thing + 's'}"
+def counted(number: int, thing: str) -> str:
+    """Return a number with its noun, whose plural is formed with an s: ``1 trial``, ``2 trials``."""
+    return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
 class Tick(Protocol):

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from trocar.cli.run import RUN
-from trocar.cli.task_group import OF_RUN, flag_of
+from trocar.cli.task_group import OF_RUN
 from trocar.errors import InvalidInput
 from trocar.eval import TASKS, option
+from trocar.eval.task import flag_of
 from trocar.registry import PLUGIN_MODULE, load_plugin
 from trocar.testing import CheckFailed, check_task
 from trocar.testing.task import (

@@ -17,6 +17,7 @@ from trocar.cli.options import Plugins, load_given
 from trocar.errors import BadFile, InvalidInput, UnknownName
 from trocar.eval import TASKS, Task, methods_of, methods_of_any, perceptions_of, pick_method
 from trocar.eval.config import RunConfig
+from trocar.eval.task import flag_of
 from trocar.registry import PLUGIN_MODULE
 
 OWN = "Of this task"
@@ -112,11 +113,6 @@ class TaskGroup(Group):
 
 def _about(task: type[Task]) -> str:
     return f"{task.about[:1].upper()}{task.about[1:]}"
-
-
-def flag_of(field: Field[Any]) -> str:
-    """Return how a field of a task or a run is spelt on the command line."""
-    return f"--{(field.metadata.get('flag') or field.name).replace('_', '-')}"
 
 
 def _flags(parameter: inspect.Parameter) -> set[str]:

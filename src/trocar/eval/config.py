@@ -15,7 +15,7 @@ import numpy as np
 from trocar.calibration.excitation import WIDE_ROWS
 from trocar.errors import BadFile, InvalidInput, InvalidValue, UnknownName
 from trocar.eval.method import Method, methods_of, pick_method, pick_perception
-from trocar.eval.task import TASKS, Task, option
+from trocar.eval.task import TASKS, Task, flag_of, option
 from trocar.lab import Station, load_station
 from trocar.lab.flaws import DEFAULT, Difficulty
 from trocar.lab.station_file import station_digest
@@ -166,10 +166,9 @@ class RunConfig:
     def _refuse_simulated(self) -> None:
         """Refuse options of simulated sessions."""
         for field_ in fields(self):
-            name = field_.metadata.get("flag") or field_.name
             if field_.name in OF_SIMULATION and getattr(self, field_.name) != field_.default:
                 problem = f"is for simulated sessions, and --robot {self.robot} drives real arms"
-                raise InvalidInput(f"--{name.replace('_', '-')}", problem, "drop one of them")
+                raise InvalidInput(flag_of(field_), problem, "drop one of them")
 
     def _choose_cables(self, method: Method) -> None:
         """Check that each arm that works has the cable model that the method needs, and that none is superfluous."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -43,6 +43,11 @@ def option(
     """
     about = {"help": help, "flag": flag, "metavar": metavar, "choices": tuple(choices), "shown": shown}
     return field(default=default, metadata=about)
+
+
+def flag_of(field: Field[Any]) -> str:
+    """Return how a field of a task or a run is spelt on the command line: ``--new-session``."""
+    return f"--{(field.metadata.get('flag') or field.name).replace('_', '-')}"
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 from trocar.counting import counted
 from trocar.eval import TASKS, TaskReport, pick_method
 from trocar.eval.method import CLIENT
+from trocar.eval.task import flag_of
 from trocar.eval.trial import Trial
 from trocar.files.output import write_text
 from trocar.lab.flaws import DEFAULT, HARSH, HARSHER, MILD, RECORDED
@@ -267,12 +268,12 @@ def _serving(task: Any, about: Mapping[str, Any]) -> str:
 def _options(task: Any, given: Mapping[str, Any]) -> list[str]:
     """Return the task's own options that differ from their defaults; all, if the task is unknown here."""
     usual = task().options() if task is not None else {}
-    flags = {f.name: f.metadata.get("flag") or f.name for f in fields(task)} if task is not None else {}
+    flags = {f.name: flag_of(f) for f in fields(task)} if task is not None else {}
     words: list[str] = []
     for name, value in given.items():
         if value is None or (name in usual and usual[name] == value):
             continue
-        flag = f"--{flags.get(name, name).replace('_', '-')}"
+        flag = flags.get(name) or f"--{name.replace('_', '-')}"
         if isinstance(value, bool):
             words.append(flag if value else f"--no-{flag[2:]}")
         else:

@@ -20,6 +20,7 @@ from trocar.eval.config import RunConfig
 from trocar.eval.method import METHODS
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
+from trocar.eval.task import flag_of
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.lab import SensorFlaws, Station, check_station, load_station
@@ -69,14 +70,14 @@ def check_description(kind: type[Task]) -> None:
     texts = [kind.about, kind.goal_noun, *(pick_method(kind, method).about for method in methods_of(kind))]
     plain = all(text and text.strip() == text and "\n" not in text and not text.endswith(".") for text in texts)
     require(plain, subject, "say of itself and its methods what they are in one line without a full stop")
-    flags = [_flag(field) for field in _options(kind)]
+    flags = [flag_of(field).removeprefix("--") for field in _options(kind)]
     for field in _options(kind):
         plain = field.default is not MISSING and isinstance(field.default, PLAIN)
         require(plain, subject, f"have a plain default for its option {field.name}")
         choices = field.metadata.get("choices") or ()
         among = not choices or field.default is None or field.default in choices
         require(among, subject, f"have a default for {field.name} that is among its choices")
-    of_run = {_flag(field) for field in fields(RunConfig) if field.metadata}
+    of_run = {flag_of(field).removeprefix("--") for field in fields(RunConfig) if field.metadata}
     taken = (RESERVED | of_run) & set(flags)
     require(len(set(flags)) == len(flags) and not taken, subject, f"have options of its own, not {sorted(taken)}")
     task = kind()
@@ -227,10 +228,6 @@ def _idle_method(kind: type[Task]) -> Iterator[str]:
 
 def _options(kind: type[Task]) -> tuple[Field[Any], ...]:
     return fields(kind)  # type: ignore[arg-type]  # every task is a dataclass: see require_task
-
-
-def _flag(field: Field[Any]) -> str:
-    return str(field.metadata.get("flag") or field.name).replace("_", "-")
 
 
 def _subject(kind: type[Task]) -> str:
