@@ -14,7 +14,7 @@ from trocar.calibration.fleet import FleetPrior, expected, load_prior
 from trocar.calibration.models import CableModel, load_model
 from trocar.cell import Cell
 from trocar.eval.config import TRIALS, RunConfig
-from trocar.eval.run import Attendant, compensated, context_of, heard_by, play_agent
+from trocar.eval.run import Attendant, equipped, heard_by, play_agent
 from trocar.eval.sight import robot_scenery
 from trocar.eval.staged import DONE, End, Photographer, encoded, plain
 from trocar.eval.trial import Trial
@@ -49,20 +49,14 @@ def run_on_robot(
     Raises:
         TrocarError: an arm or a camera cannot be connected; nothing has moved then.
     """
-    began, method = time.perf_counter(), config.chosen_method
+    began = time.perf_counter()
     config.task.told([])  # a task that needs a referee says so before anything moves
     models, priors = models_of(config)
     kind, _ = robot_of(config.robot)
     with kind.connect(config.laboratory, heard_by(listener, attendant)) as laboratory:
         if attendant is not None:
             attendant.attend(config, laboratory)
-        if models:
-            laboratory.wrap_robot(lambda cell: compensated(config, models, priors, cell))
-        settings = method.make_settings(config.settings)
-        if method.wrap_robot is not None:
-            laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
-        rng = np.random.default_rng(config.seeds(SESSION, TRIALS, index))
-        context = context_of(config, laboratory.cell, rng, settings)
+        context = equipped(config, laboratory, models, priors, config.rng(SESSION, TRIALS, index))
         run = partial(_run_until_refused, laboratory, attendant)
         try:
             end = play_agent(run, config, context, raise_errors=False)
@@ -74,7 +68,7 @@ def run_on_robot(
             laboratory.log.event("stopped", outcome=end.outcome, reason=end.reason, **told)
         duration_s = laboratory.cell.clock.now_s()
     # once its loop is closed: until then an arm may have a last tick to go
-    return _trial(config, index, laboratory, end, duration_s, plain(settings), time.perf_counter() - began)
+    return _trial(config, index, laboratory, end, duration_s, plain(context.settings), time.perf_counter() - began)
 
 
 def _run_until_refused(

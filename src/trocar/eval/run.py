@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import trio
@@ -78,24 +78,18 @@ def run_trial(
         InvalidInput: the task does not score each of its goals.
     """
     began = time.perf_counter()
-    method = config.chosen_method
     staged = StagedTrial(config, prepared, index, heard_by(listener, attendant))
     laboratory, run = staged.laboratory, staged.laboratory.run
     if attendant is not None:
         attendant.attend(config, laboratory)
         run = partial(_run_attended, laboratory, attendant)
-    if prepared.models:
-        laboratory.wrap_robot(lambda cell: compensated(config, prepared.models, prepared.priors, cell))
-    settings = method.make_settings(config.settings)
-    if method.wrap_robot is not None:
-        laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
-    context = context_of(config, laboratory.cell, staged.agent_rng, settings)
+    context = equipped(config, laboratory, prepared.models, prepared.priors, staged.agent_rng)
     try:
         end = play_agent(run, config, context, raise_errors)
     except Exception as error:
         error.add_note(f"in session {prepared.number}, trial {index} of seed {config.seed}, method {config.method!r}")
         raise
-    return staged.finished(end, time.perf_counter() - began, settings)
+    return staged.finished(end, time.perf_counter() - began, context.settings)
 
 
 def heard_by(listener: Listener | None, attendant: Attendant | None) -> Listener | None:
@@ -122,11 +116,21 @@ def _run_attended(laboratory: SimLaboratory, attendant: Attendant, script: Scrip
     return laboratory.run(both, budget_s, attendant)
 
 
-def context_of(config: RunConfig, cell: Cell, rng: np.random.Generator, settings: Any) -> AgentContext:
-    """Return what an agent is given in a cell."""
-    task = config.task
+def equipped(
+    config: RunConfig,
+    laboratory: SimLaboratory | HardwareLaboratory,
+    models: Mapping[str, CableModel],
+    priors: Mapping[str, FleetPrior],
+    rng: np.random.Generator,
+) -> AgentContext:
+    """Wrap a laboratory's robot as the run's method needs it; return what the agent is given there."""
+    method, task = config.chosen_method, config.task
+    compensate(config, laboratory, models, priors)
+    settings = method.make_settings(config.settings)
+    if method.wrap_robot is not None:
+        laboratory.wrap_robot(lambda cell: method.wrapped(cell, settings))
     return AgentContext(
-        cell=cell,
+        cell=laboratory.cell,
         goals=task.goals(),
         nominal=task.nominal(),
         arms=config.arms,
@@ -134,18 +138,25 @@ def context_of(config: RunConfig, cell: Cell, rng: np.random.Generator, settings
         perception=pick_perception(type(task), config.perception) if config.perception else None,
         rng=rng,
         settings=settings,
-        objects=objects_of(task, cell),
+        objects=objects_of(task, laboratory.cell),
     )
 
 
-def compensated(
-    config: RunConfig, models: Mapping[str, CableModel], priors: Mapping[str, FleetPrior], cell: Cell
-) -> Compensated:
-    """Return a cell's robot with its cables compensated; it learns if there are priors."""
-    wrapped = cell.robot, cell.arms, models, cell.limits, cell.clock, cell.log
-    if priors:
-        return Adaptive(*wrapped, priors=priors)
-    return Compensated(*wrapped, stop_at_limits=config.chosen_method.stop_at_limits)
+def compensate(
+    config: RunConfig,
+    laboratory: SimLaboratory | HardwareLaboratory,
+    models: Mapping[str, CableModel],
+    priors: Mapping[str, FleetPrior],
+) -> None:
+    """Let a laboratory's robot compensate its cables if there are models of them; it learns if there are priors."""
+    def wrapped(cell: Cell) -> Compensated:
+        given = cell.robot, cell.arms, models, cell.limits, cell.clock, cell.log
+        if priors:
+            return Adaptive(*given, priors=priors)
+        return Compensated(*given, stop_at_limits=config.chosen_method.stop_at_limits)
+
+    if models:
+        laboratory.wrap_robot(wrapped)
 
 
 def play_agent(

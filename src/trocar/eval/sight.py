@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, astuple
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,30 +46,53 @@ class Seen(NamedTuple):
     contacts: tuple[Contact, ...] = ()
 
 
-class Sight(Protocol):
-    """What sees a laboratory.
+class Sight(ABC):
+    """Sees a laboratory.
 
     Attributes:
         scenery: what does not change, without images.
     """
 
-    scenery: Scenery
+    def __init__(self, laboratory: SimLaboratory | HardwareLaboratory, scenery: Scenery):
+        self.scenery = scenery
+        self._log, self._cameras = laboratory.log, laboratory.cameras
+        self._events, self._spans = 0, 0
+        self._shown: dict[str, tuple[Image, Sighting | None]] = {}
 
+    @abstractmethod
     def look(self) -> Seen:
         """Return the laboratory as it is now, with the events and contacts since the last call."""
-        ...
 
     def images(self) -> Mapping[str, Sighting]:
         """Return the last image of each camera that is new, or in which something was found, since the last call."""
-        ...
+        found: dict[str, Sighting] = {}
+        for name, camera in self._cameras.items():
+            sighting = self._log.sightings.get(name)
+            images = [
+                *(camera.taken[-1:] if isinstance(camera, Photographer) else ()),
+                *([sighting.image] if sighting else []),
+            ]
+            image = max(images, key=lambda image: image.time_s, default=None)
+            newest = sighting if sighting is not None and sighting.image is image else None
+            if image is not None and self._shown.get(name) != (image, newest):
+                self._shown[name] = image, newest
+                found[name] = newest or Sighting(image, {})
+        return found
+
+    def _told(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+        """Return the events and spans of the log since the last call, and the spans that have begun."""
+        events = tuple(self._log.events[self._events :])
+        spans = tuple(astuple(span) for span in self._log.spans[self._spans :])
+        self._events, self._spans = self._events + len(events), self._spans + len(spans)
+        return events, spans, tuple(self._log.begun)
 
 
-class SimSight:
+class SimSight(Sight):
     """Sees a simulated laboratory; simulator truth."""
 
     def __init__(self, laboratory: SimLaboratory):
-        self.scenery = scenery_of(laboratory)
-        self._laboratory, self._news, self._until_s = laboratory, _News(laboratory), -1.0
+        super().__init__(laboratory, scenery_of(laboratory))
+        self._laboratory, self._until_s = laboratory, -1.0
 
     def look(self) -> Seen:
         """Return the laboratory as it is now, with the events and contacts since the last call."""
@@ -77,19 +101,15 @@ class SimSight:
         self._until_s = now_s - STRONGEST_S
         touches = laboratory.contacts.collisions(since_s, self._until_s)
         arrays = {name: row for name, row in laboratory.recorder.arrays(-1).items() if not name.startswith("desired_")}
-        return Seen(now_s, arrays, *self._news.log(), tuple(contact_of(asdict(touch)) for touch in touches))
-
-    def images(self) -> Mapping[str, Sighting]:
-        """Return the last image of each camera that is new, or in which something was found, since the last call."""
-        return self._news.images()
+        return Seen(now_s, arrays, *self._told(), tuple(contact_of(asdict(touch)) for touch in touches))
 
 
-class RobotSight:
+class RobotSight(Sight):
     """Sees real arms, as their encoders read; nobody knows more."""
 
     def __init__(self, laboratory: HardwareLaboratory):
-        self.scenery = robot_scenery(laboratory.station)
-        self._laboratory, self._news = laboratory, _News(laboratory)
+        super().__init__(laboratory, robot_scenery(laboratory.station))
+        self._laboratory = laboratory
 
     def look(self) -> Seen:
         """Return the laboratory as it is now, with the events since the last call."""
@@ -98,11 +118,7 @@ class RobotSight:
             now = self._laboratory.robot.report(arm)
             arrays[f"commanded_{arm}"] = now.sent[None]
             arrays[f"measured_{arm}"] = np.append(now.reading.q, now.reading.jaw_rad)[None]
-        return Seen(self._laboratory.cell.clock.now_s(), arrays, *self._news.log())
-
-    def images(self) -> Mapping[str, Sighting]:
-        """Return the last image of each camera that is new, or in which something was found, since the last call."""
-        return self._news.images()
+        return Seen(self._laboratory.cell.clock.now_s(), arrays, *self._told())
 
 
 def sight_of(laboratory: SimLaboratory | HardwareLaboratory) -> Sight:
@@ -125,34 +141,3 @@ def robot_scenery(station: Station) -> Scenery:
         cameras={},
         tick_s=TICK_S,
     )
-
-
-class _News:
-    """What a laboratory's log and cameras have that was not told yet."""
-
-    def __init__(self, laboratory: SimLaboratory | HardwareLaboratory):
-        self._log, self._cameras = laboratory.log, laboratory.cameras
-        self._events, self._spans = 0, 0
-        self._shown: dict[str, tuple[Image, Sighting | None]] = {}
-
-    def log(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
-        """Return new events and spans, and the spans that have begun."""
-        events = tuple(self._log.events[self._events :])
-        spans = tuple(astuple(span) for span in self._log.spans[self._spans :])
-        self._events, self._spans = self._events + len(events), self._spans + len(spans)
-        return events, spans, tuple(self._log.begun)
-
-    def images(self) -> Mapping[str, Sighting]:
-        found: dict[str, Sighting] = {}
-        for name, camera in self._cameras.items():
-            sighting = self._log.sightings.get(name)
-            images = [
-                *(camera.taken[-1:] if isinstance(camera, Photographer) else ()),
-                *([sighting.image] if sighting else []),
-            ]
-            image = max(images, key=lambda image: image.time_s, default=None)
-            newest = sighting if sighting is not None and sighting.image is image else None
-            if image is not None and self._shown.get(name) != (image, newest):
-                self._shown[name] = image, newest
-                found[name] = newest or Sighting(image, {})
-        return found

@@ -18,7 +18,7 @@ from trocar.eval.config import JOINTS as FROM_JOINTS
 from trocar.eval.config import RunConfig
 from trocar.eval.method import objects_of
 from trocar.eval.prepare import Prepared, prepare
-from trocar.eval.run import compensated
+from trocar.eval.run import compensate
 from trocar.eval.scenery import Scenery
 from trocar.eval.staged import StagedTrial, scenery_of
 from trocar.eval.task import TASKS, Task
@@ -209,8 +209,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             self._prepared[session] = prepare(self.config, session, self._folder.name)
         prepared, config = self._prepared[session], self.config
         self._laboratory: SimLaboratory = StagedTrial(config, prepared, index).laboratory
-        if prepared.models:
-            self._laboratory.wrap_robot(lambda cell: compensated(config, prepared.models, prepared.priors, cell))
+        compensate(config, self._laboratory, prepared.models, prepared.priors)
         cell = self._laboratory.cell
         self._control = Control(cell, config.arms, self._action, self._rate_hz)
         parts = [part for part in self._observed if part != PRIVILEGED]
