@@ -32,6 +32,11 @@ class Lazy:
         return getattr(import_module(module), name)
 
 
+def loaded(thing: Any) -> Any:
+    """Return a thing itself, imported now if it is :class:`Lazy`."""
+    return thing.load() if isinstance(thing, Lazy) else thing
+
+
 class Registry(Mapping[str, T], Generic[T]):
     """All named things of one kind.
 

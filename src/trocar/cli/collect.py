@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,13 +14,13 @@ from typer import Argument, Option
 
 from trocar.calibration.excitation import SAMPLES
 from trocar.cli.group import Result
-from trocar.cli.options import Seed, need
+from trocar.cli.options import EnableMotion, Seed, Yes, need
 from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.progress import progress
 from trocar.cli.robot import about_motion, agreed
+from trocar.cli.task_group import OF_RUN
 from trocar.cli.terminal import beside
 from trocar.errors import InvalidInput, TrocarError
-from trocar.eval.config import RunConfig
 from trocar.files.output import make_folder, write_json, write_text
 
 if TYPE_CHECKING:
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 SESSION, COLLECTION, FIT = range(3)
 """Streams of randomness under the seed."""
-OF_RUN = {field.name: field.metadata for field in fields(RunConfig)}
-Flaws = Annotated[list[str] | None, Option(metavar=OF_RUN["flaws"]["metavar"], help=OF_RUN["flaws"]["help"])]
+FLAWS, ROBOT, DIFFICULTY = (OF_RUN[name].metadata for name in ("flaws", "robot", "difficulty"))
 ABOUT_OUT = "Folder for the files; default out/calibration-STATION-SEED-OPTIONS."
 
 
@@ -46,7 +45,7 @@ def collect(
         ),
     ] = "",
     *,
-    robot: Annotated[str, Option(metavar=OF_RUN["robot"]["metavar"], help=OF_RUN["robot"]["help"])] = "",
+    robot: Annotated[str, Option(metavar=ROBOT["metavar"], help=ROBOT["help"])] = "",
     arm: Annotated[
         list[str] | None, Option(metavar="ARM", help="Which arm; may be given several times.", show_default="all")
     ] = None,
@@ -59,10 +58,10 @@ def collect(
     fit: Annotated[bool, Option(help="Also fit a cable model, and evaluate it on the rows left out.")] = True,
     model: Annotated[str, Option(help="Cable model: offset, ridge, play, lstm (extra 'learn').")] = "play",
     fraction: Annotated[float, Option(help="First share of the rows that the model is fitted on.")] = 0.8,
-    difficulty: Annotated[str, Option(help=OF_RUN["difficulty"]["help"])] = "recorded",
-    flaw: Flaws = None,
-    enable_motion: Annotated[bool, Option("--enable-motion", help="With --robot: let the arms move.")] = False,
-    yes: Annotated[bool, Option("--yes", help="With --robot: do not ask before the arms move.")] = False,
+    difficulty: Annotated[str, Option(help=DIFFICULTY["help"])] = "recorded",
+    flaw: Annotated[list[str] | None, Option(metavar=FLAWS["metavar"], help=FLAWS["help"])] = None,
+    enable_motion: EnableMotion = False,
+    yes: Yes = False,
 ) -> Result:
     """Calibrate arms from images of spheres that they wear: joints, bases, cable models.
 

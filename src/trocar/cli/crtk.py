@@ -13,7 +13,7 @@ import numpy as np
 from typer import Option
 
 from trocar.cli.group import Result
-from trocar.cli.options import Plugins, Seed, StationName, need
+from trocar.cli.options import Plugins, Seed, StationName, TaskOptions, need
 from trocar.cli.out_folder import default_folder
 from trocar.cli.terminal import beside, rich_table
 from trocar.counting import counted
@@ -62,9 +62,7 @@ def serve(
     station: StationName,
     *,
     task: Annotated[str, Option(help="Lay out this task; a referee scores what is done.", show_default="none")] = "",
-    option: Annotated[
-        list[str] | None, Option(metavar="NAME=VALUE", help="Give an option of the task another value; repeatable.")
-    ] = None,
+    option: TaskOptions = None,
     spheres: Annotated[
         list[str] | None,
         Option(metavar="ARM", help="Let this arm wear spheres, over an empty table, for a calibration; repeatable."),

@@ -11,7 +11,7 @@ import numpy as np
 from typer import Argument, Option
 
 from trocar.cli.group import Result
-from trocar.cli.options import JsonFlag, Plugins, Seed, need
+from trocar.cli.options import JsonFlag, Plugins, Seed, TaskOptions, need
 from trocar.cli.out_folder import default_folder
 from trocar.cli.progress import progress
 from trocar.cli.report import export_episodes
@@ -28,9 +28,7 @@ def import_lerobot(
     data: Annotated[Path, Argument(metavar="DIR", help="Folder of a LeRobot data set, v2.x or v3.x.")],
     *,
     task: Annotated[str, Option(help="The task that is laid out, and whose referee counts.")],
-    option: Annotated[
-        list[str] | None, Option(metavar="NAME=VALUE", help="Give an option of the task another value; repeatable.")
-    ] = None,
+    option: TaskOptions = None,
     episode: Annotated[int, Option(min=0, help="Number of the episode.")] = 0,
     frame: Annotated[
         str, Option(metavar="world|base", help="What the data set's poses are in: the world, or each arm's base.")
@@ -67,7 +65,7 @@ def import_lerobot(
         settings=tuple(f"{name}={value}" for name, value in asdict(source).items()),
         seed=seed,
         difficulty=difficulty,
-        plugins=tuple(str(path.absolute()) for path in plugin or ()),
+        plugins=tuple(map(str, plugin or ())),
     )
     for arm in recorded.actions:
         if arm not in config.laboratory.arms:
@@ -136,7 +134,7 @@ def demonstrations(
         raise UnknownName("--failures", failures, (KEEP, DROP))
     if layout not in LAYOUTS:
         raise UnknownName("--layout", layout, LAYOUTS)
-    plugins = tuple(str(path.absolute()) for path in plugin or ())
+    plugins = tuple(map(str, plugin or ()))
     config = RunConfig(task(**options), **run, sessions=episodes, plugins=plugins, observations=True)
     usual = default_folder(f"demonstrations-{task.name}-{config.method}-{config.seed}", config.unusual)
     folder = (out or usual).absolute()

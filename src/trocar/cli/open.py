@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
+from trocar.cli.options import OpenBrowser, Port
 from trocar.cli.progress import progress
 from trocar.counting import counted
 from trocar.errors import InvalidInput
@@ -19,8 +20,8 @@ from trocar.errors import InvalidInput
 def open_runs(
     folders: Annotated[list[Path], Argument(metavar="DIR...", help="Folders in and below which runs lie.")],
     *,
-    port: Annotated[int, Option(min=0, max=65535, help="Port of the page; if it is taken, the next free one.")] = 8000,
-    open_browser: Annotated[bool, Option("--open/--no-open", help="Open a browser.")] = True,
+    port: Port = 8000,
+    open_browser: OpenBrowser = True,
     as_json: Annotated[bool, Option("--json", help="Print the table as one JSON object and nothing else.")] = False,
 ) -> None:
     """Show all runs below some folders in the browser: a table, the failures of each, two side by side, replays.

@@ -19,14 +19,21 @@ FLAG = "--plugin"
 
 JsonFlag = Annotated[bool, Option("--json", help="Print one JSON object and nothing else.")]
 Seed = Annotated[int, Option(min=0, help="Seed of everything random; the same seed gives the same result.")]
+TaskOptions = Annotated[
+    list[str] | None, Option(metavar="NAME=VALUE", help="Give an option of the task another value; repeatable.")
+]
+EnableMotion = Annotated[bool, Option("--enable-motion", help="With --robot: let the arms move.")]
+Yes = Annotated[bool, Option("--yes", help="With --robot: do not ask before the arms move.")]
+Port = Annotated[int, Option(min=0, max=65535, help="Port of the page; if it is taken, the next free one.")]
+OpenBrowser = Annotated[bool, Option("--open/--no-open", help="Open a browser.")]
 StationName = Annotated[str, Argument(metavar="STATION", help="Name of a built-in station, or a TOML file.")]
 
 
 def _load(ctx: typer.Context, paths: list[Path] | None) -> list[Path]:
-    """Load the files before anything else is parsed; return all of them, wherever they are on the command line."""
+    """Load the files before anything else is parsed; return their absolute paths, wherever they are on the line."""
     for path in paths or []:
         load_plugin(path)
-    ctx.obj = [*(ctx.obj or []), *(paths or [])]
+    ctx.obj = [*(ctx.obj or []), *(path.absolute() for path in paths or [])]
     return ctx.obj
 
 

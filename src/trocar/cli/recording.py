@@ -197,15 +197,7 @@ def _recording_lines(out: Path, choice: Choice, found: Imported) -> list[str]:
 
 
 def _images_summary(written: CameraFiles) -> dict[str, Any]:
-    return {
-        "topic": written.topic,
-        "list": str(written.list),
-        "images": written.images,
-        "lens": written.lens is not None,
-        "unstamped": written.unstamped,
-        "unknown": written.unknown,
-        "damaged": written.damaged,
-    }
+    return {**vars(written), "list": str(written.list), "lens": written.lens is not None}
 
 
 def _images_lines(written: CameraFiles) -> list[str]:

@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from trocar.cli.group import Result
-from trocar.cli.options import JsonFlag, need
+from trocar.cli.options import JsonFlag, OpenBrowser, Port, need
 from trocar.cli.progress import progress
 from trocar.cli.terminal import beside, details, results
 from trocar.counting import counted
@@ -172,8 +172,8 @@ def view(
     *,
     session: Annotated[int, Option(metavar="S", help="Session, as in the name of its folder.")] = 0,
     trial: Annotated[int, Option(metavar="K", help="Trial, as in the name of its file.")] = 0,
-    port: Annotated[int, Option(min=0, max=65535, help="Port of the page; if it is taken, the next free one.")] = 8080,
-    open_browser: Annotated[bool, Option("--open/--no-open", help="Open a browser.")] = True,
+    port: Port = 8080,
+    open_browser: OpenBrowser = True,
 ) -> None:
     """Show a saved trial in 3D in the browser: where arms and objects were, what the scripts did, what cameras saw.
 
@@ -211,7 +211,7 @@ def trial_in(folder: Path, session: int, number: int) -> Path:
     wanted = trial_file(folder, session, number)
     if wanted.is_file():
         return wanted
-    found = [f"--session {int(p.parent.name[8:])} --trial {int(p.stem[6:])}" for p in trial_files(folder)]
+    found = [f"--session {place[0]} --trial {place[1]}" for place in map(_place, trial_files(folder))]
     if not found:
         if folder.is_file():
             raise BadFile(folder, "is a file", "give the folder of a run")

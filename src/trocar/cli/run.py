@@ -15,7 +15,7 @@ import typer
 from typer import Argument, Option
 
 from trocar.cli.group import Known, Result
-from trocar.cli.options import JsonFlag, Plugins, Seed, need
+from trocar.cli.options import EnableMotion, JsonFlag, Plugins, Seed, Yes, need
 from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.progress import progress
 from trocar.cli.report import finish
@@ -68,8 +68,8 @@ def run(
     strict: Annotated[bool, Option("--strict", help="Exit with code 1 if a goal was missed.")] = False,
     raise_errors: Annotated[bool, Option("--raise", help=ABOUT_RAISE)] = False,
     cache: CacheFolder = None,
-    enable_motion: Annotated[bool, Option("--enable-motion", help="With --robot: let the arms move.")] = False,
-    yes: Annotated[bool, Option("--yes", help="With --robot: do not ask before the arms move.")] = False,
+    enable_motion: EnableMotion = False,
+    yes: Yes = False,
     policy: Annotated[str, Option(metavar="WHAT", help=ABOUT_POLICY)] = "",
     watch: Annotated[bool, Option("--watch", help=ABOUT_WATCH)] = False,
     confirm: Annotated[str, Option(metavar="goals|motions", help=ABOUT_CONFIRM)] = "",
@@ -238,7 +238,7 @@ def study(
     }
     unusual |= {"plugin": plugin} if plugin else {}
     folder = out or default_folder(f"study-{task.name}-{seed}", unusual | differing(task, own))
-    plugins = tuple(str(path.absolute()) for path in plugin or ())
+    plugins = tuple(map(str, plugin or ()))
     values = options[of_task.varied]
     conditions = conditions_of(
         task, folder, values=values, methods=methods, options=own, sessions=sessions, seed=seed, plugins=plugins, **run
@@ -303,7 +303,7 @@ def sweep(
 
     found = Sweep.read(file)
     folder = out or Path("out") / file.stem
-    points = found.points(folder, [str(path.absolute()) for path in plugin or ()])
+    points = found.points(folder, list(map(str, plugin or ())))
     results, missing = worked(folder, conditions_of(points), KIND, report_only, jobs, backend, scheduler)
     rows = {one.condition.folder: one.rows for one in results}
     figures = [figure for point in points if (figure := figures_of(point, rows)) is not None]

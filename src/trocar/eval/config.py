@@ -183,14 +183,12 @@ class RunConfig:
                 raise UnknownName("--cables: arm", arm, self.arms)
         missing = [arm for arm in self.arms if arm not in files] if method.calibrated else []
         if missing:
-            other = next((name for name in methods_of(type(self.task)) if not self._calibrated(name)), "")
+            kind = type(self.task)
+            other = next((name for name in methods_of(kind) if not pick_method(kind, name).calibrated), "")
             problem = f"compensates the cables of {', '.join(missing)}, and no model of them is named"
             remedy = f"give --cables {missing[0]}=FILE.npz (trocar calibrate)"
             remedy += f", or --method {other}" if other else ""
             raise InvalidInput(f"--method {self.method}", problem, remedy)
-
-    def _calibrated(self, method: str) -> bool:
-        return pick_method(type(self.task), method).calibrated
 
     def cable_files(self) -> dict[str, Path]:
         """Return the files of cable models that ``cables`` names, by arm."""

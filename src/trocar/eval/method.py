@@ -15,7 +15,7 @@ from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.objects import Objects
 from trocar.eval.task import Task
 from trocar.motion.plan import Planner
-from trocar.registry import Lazy, Registry
+from trocar.registry import Lazy, Registry, loaded
 
 CLIENT = "client"
 """What trials have as their method that another program played, of which nothing else is known."""
@@ -102,11 +102,11 @@ class Method:
 
     def make_agent(self, context: AgentContext) -> Agent:
         """Return an agent with its context."""
-        return _loaded(self.agent)(context)
+        return loaded(self.agent)(context)
 
     def wrapped(self, cell: Cell, settings: Any) -> Robot:
         """Return the cell's robot with this method's wrapper."""
-        return cell.robot if self.wrap_robot is None else _loaded(self.wrap_robot)(cell, settings)
+        return cell.robot if self.wrap_robot is None else loaded(self.wrap_robot)(cell, settings)
 
     def make_settings(self, changes: Sequence[str] = ()) -> Any:
         """Return the settings.
@@ -118,7 +118,7 @@ class Method:
             UnknownName: there is no such setting.
             InvalidInput: it cannot have this value.
         """
-        settings = _loaded(self.settings)()
+        settings = loaded(self.settings)()
         for change in changes:
             name, equals, text = change.partition("=")
             if not equals:
@@ -277,7 +277,7 @@ def objects_of(task: Task, cell: Cell) -> Callable[[], Objects] | None:
 
     def make() -> Objects:
         see = None if perception is None else pick_perception(kind, perception)
-        return _loaded(kind.objects)(cell, task.goals(), task.nominal(), see)
+        return loaded(kind.objects)(cell, task.goals(), task.nominal(), see)
 
     return make
 
@@ -296,8 +296,4 @@ def _pick(own: Mapping[str, Any], registry: Registry[Any], name: str, task: str)
     names = _names(own, registry, task)
     if name not in names:
         raise UnknownName(f"{task} {registry.what}", name, names)
-    return _loaded(own[name]) if name in own else registry[f"{task}/{name}"]
-
-
-def _loaded(thing: Any) -> Any:
-    return thing.load() if isinstance(thing, Lazy) else thing
+    return loaded(own[name]) if name in own else registry[f"{task}/{name}"]

@@ -1,9 +1,10 @@
-"""Rates with their intervals."""
+"""Values by session, and rates with their intervals."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import sqrt
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,27 @@ from trocar.errors import InvalidInput
 Z_95 = 1.959963984540054  # 97.5 % quantile of the standard normal
 GRID = 400
 """Number of points of the grids over mean rate and correlation."""
+
+
+class InSession(Protocol):
+    """Something of one session, such as a trial."""
+
+    @property
+    def session(self) -> int:
+        """Return the session's number."""
+        ...
+
+
+Thing = TypeVar("Thing", bound=InSession)
+Value = TypeVar("Value")
+
+
+def by_session(things: Sequence[Thing], value: Callable[[Thing], Value]) -> dict[int, list[Value]]:
+    """Return one value for each thing, by session."""
+    found: dict[int, list[Value]] = {}
+    for thing in things:
+        found.setdefault(thing.session, []).append(value(thing))
+    return found
 
 
 def wilson_interval(succeeded: int, attempted: int) -> tuple[float, float]:

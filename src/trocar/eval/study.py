@@ -11,11 +11,12 @@ from trocar.counting import Tick, untold
 from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.eval.config import RunConfig
 from trocar.eval.method import methods_of, pick_method
+from trocar.eval.statistics import InSession, Value, by_session
 from trocar.eval.task import Task
 from trocar.eval.trial import Trial, trial_file
 from trocar.files.output import MADE_BY, write_json
 from trocar.files.reading import read_json
-from trocar.registry import Lazy
+from trocar.registry import loaded
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
     return words
 
 
-class Row(Protocol):
+class Row(InSession, Protocol):
     """What a study needs from a trial: a dataclass whose fields are JSON's values."""
 
     @property
@@ -69,14 +70,8 @@ class Row(Protocol):
         """Return the fingerprint of its run."""
         ...
 
-    @property
-    def session(self) -> int:
-        """Return its number."""
-        ...
-
 
 AnyRow = TypeVar("AnyRow", bound=Row)
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -129,14 +124,6 @@ class Results(Generic[AnyRow]):
     def by_session(self, value: Callable[[AnyRow], Value]) -> dict[int, list[Value]]:
         """Return one value per trial, by session."""
         return by_session(self.rows, value)
-
-
-def by_session(rows: Sequence[AnyRow], value: Callable[[AnyRow], Value]) -> dict[int, list[Value]]:
-    """Return one value per row, by session."""
-    found: dict[int, list[Value]] = {}
-    for row in rows:
-        found.setdefault(row.session, []).append(value(row))
-    return found
 
 
 def read_study(
@@ -236,7 +223,7 @@ def study_of(task: type[Task]) -> TaskStudy[Any]:
     Raises:
         InvalidInput: it has none.
     """
-    kind = task.study.load() if isinstance(task.study, Lazy) else task.study
+    kind = loaded(task.study)
     if kind is None:
         raise InvalidInput(f"task {task.name!r}", "has no study", "give its class the attribute `study`")
     return kind()

@@ -121,6 +121,11 @@ class Trial:
         return str(self.about["goal_noun"])
 
     @property
+    def session(self) -> int:
+        """Return the number of its session."""
+        return int(self.about["session"])
+
+    @property
     def arms(self) -> tuple[str, ...]:
         """Return the names of its arms, those that worked first."""
         working = list(self.about["arms"])

@@ -12,6 +12,7 @@ from typing import Any, overload
 from trocar.counting import counted
 from trocar.errors import BadFile, InvalidInput
 from trocar.eval.comparison import Difference, session_difference
+from trocar.eval.statistics import by_session
 from trocar.eval.trial import Trial
 
 
@@ -142,17 +143,10 @@ def compared(ours: Sequence[Trial], theirs: Sequence[Trial]) -> Comparison:
         raise InvalidInput("these trials", problem, "give both runs the same task, station, difficulty and seed")
 
     def difference(value: Callable[[Trial], float], *, less: bool) -> Difference:
-        return session_difference(_by_session(ours, value), _by_session(theirs, value), less=less)
+        return session_difference(by_session(ours, value), by_session(theirs, value), less=less)
 
     return Comparison(
         success_rate=difference(lambda t: sum(bool(s["succeeded"]) for s in t.scores) / len(t.scores), less=False),
         time_s=difference(lambda t: t.duration_s / len(t.scores), less=True),
         collisions=difference(lambda t: float(len(t.collisions)), less=True),
     )
-
-
-def _by_session(trials: Sequence[Trial], value: Callable[[Trial], float]) -> dict[int, list[float]]:
-    found: dict[int, list[float]] = {}
-    for trial in trials:
-        found.setdefault(trial.about["session"], []).append(value(trial))
-    return found

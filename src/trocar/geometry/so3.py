@@ -200,6 +200,12 @@ def require_rotation(what: str, matrix: Array) -> None:
         raise InvalidInput(what, problem, "one axis has the wrong sign, or two are swapped")
 
 
+def steady(wxyz: Array) -> Array:
+    """Return the same turns by quaternions (n, 4) that do not jump to their negatives from one to the next."""
+    jumps = (wxyz[1:] * wxyz[:-1]).sum(axis=1) < 0
+    return wxyz * np.cumprod(np.append(1.0, np.where(jumps, -1.0, 1.0)))[:, None]
+
+
 def _which(wrong: NDArray[np.bool_]) -> str:
     """Return the index of the first wrong item of a batch, in words; empty if there is only one item."""
     return f", first at {np.argwhere(wrong)[0].tolist()}" if wrong.ndim else ""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, fk, ik
 from trocar.errors import OutOfReach
-from trocar.geometry import SE3, SO3
+from trocar.geometry import SE3, SO3, steady
 
 WIDTH = 8
 """Numbers of one arm."""
@@ -40,10 +40,9 @@ def turn_beside(xyzw: NDArray[np.float64], before: NDArray[np.float64] | None) -
 def vectors(arm: ArmModel, T_world_base: SE3, rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the numbers (n, 8) of one arm from joints and jaw (n, 7)."""
     tip = T_world_base @ fk(arm, rows[:, :6])
-    quaternions = tip.rotation.as_quaternion()
-    first = quaternions[0, np.abs(quaternions[0]).argmax()]
-    turned = np.append(first, (quaternions[1:] * quaternions[:-1]).sum(axis=1)) < 0
-    quaternions *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
+    quaternions = steady(tip.rotation.as_quaternion())
+    if quaternions[0, np.abs(quaternions[0]).argmax()] < 0:
+        quaternions = -quaternions
     return np.column_stack([tip.translation_m, quaternions[:, [1, 2, 3, 0]], rows[:, 6]])
 
 

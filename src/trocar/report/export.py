@@ -18,7 +18,7 @@ from trocar.eval.trial import Trial
 from trocar.eval.turns import turn_at, turns_of
 from trocar.extras import how_to_install
 from trocar.files.output import MADE_BY, make_folder, mark_of, write_table, writing
-from trocar.geometry import SE3
+from trocar.geometry import steady
 
 Kind = Literal["text", "integer", "number", "truth"]
 
@@ -356,7 +356,7 @@ def _of_arm(
     scenery = trial.scenery
     base = scenery.T_world_base[name] if kind == "true" else scenery.T_world_base_registered[name]
     tip = base @ fk(arm, rows[:, :6])
-    seven = np.column_stack([tip.translation_m, _steady_quaternions(tip)])
+    seven = np.column_stack([tip.translation_m, steady(tip.rotation.as_quaternion())])
     yield from _pose(f"{name}_tip_{kind}", f"of the tip of {name} in the world, {_KINDS[kind]}", seven)
 
 
@@ -366,10 +366,3 @@ def _pose(name: str, about: str, rows: NDArray[np.float64]) -> Iterator[tuple[Co
         yield Column(f"{name}_{axis}_m", f"{axis} {about}", "number", "m"), rows[:, place]
     for place, part in enumerate("wxyz", 3):
         yield Column(f"{name}_q{part}", f"orientation {about}, quaternion", "number"), rows[:, place]
-
-
-def _steady_quaternions(poses: SE3) -> NDArray[np.float64]:
-    """Return quaternions (n, 4) wxyz that do not jump to their negatives from one row to the next."""
-    found = poses.rotation.as_quaternion()
-    signs = np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0, -1.0, 1.0))
-    return found * np.concatenate([[1.0], signs])[:, None]

@@ -12,7 +12,7 @@ from trocar.eval.folder import requested
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.files.output import make_folder, write_json
-from trocar.registry import Lazy
+from trocar.registry import loaded
 from trocar.replay import Replay, painted
 from trocar.report.page import Captioned
 from trocar.report.run_page import command_of, place_of, write_page
@@ -37,7 +37,7 @@ def report_of(trial: Trial) -> TaskReport:
 
 def task_report(task: Task | type[Task]) -> TaskReport:
     """Return what a task adds to a report."""
-    made = task.report.load() if isinstance(task.report, Lazy) else task.report
+    made = loaded(task.report)
     if made is None:
         return TaskReport()
     return made() if isinstance(made, type) else made
@@ -60,7 +60,8 @@ def write_report(
     make_folder(folder)
     files = [write_json(folder / "summary.json", summary, "summary of a run")]
     blind = first.on_robot  # nobody knows where bodies were, so there is nothing to photograph
-    storyboard, timechart = _chart(folder, first) if blind else _pictures(folder, trials, report)
+    storyboard = [] if blind else _pictures(folder, trials, report)
+    timechart = _chart(folder, first)
     noted = [trial.noted() for trial in trials]
     failed = failed_goals(noted, report)
     shown = [] if blind else picked(failed, MOST_FAILED)
@@ -104,8 +105,8 @@ def kept_pictures(folder: str | Path) -> list[str]:
     return [f"kept from an earlier report: {', '.join(kept)}; to draw them again, {how_to_install('sim')}"]
 
 
-def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> tuple[list[Captioned], Captioned | None]:
-    """Draw the first trial and the task's pictures of all trials; return these pictures, and the time chart."""
+def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> list[Captioned]:
+    """Draw the first trial and the task's pictures of all trials, and return these pictures."""
     first, about = trials[0], trials[0].about
     what = ", ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
     place, found = place_of(first), []
@@ -115,22 +116,20 @@ def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> tupl
     if path.is_file():  # drawn now, or kept
         moments = "; ".join(caption for caption, _ in report.moments(first))
         found.append(Captioned(path, f"Pictures of {place}: {moments}", f"{place.capitalize()} step by step"))
-    if not first.spans:
-        return found, None
-    for path in report.pictures(folder, trials):
+    for path in report.pictures(folder, trials) if first.spans else ():
         said = next((text for name, text in report.captions.items() if path.stem.startswith(name)), path.stem)
         found.append(Captioned(path, f"Chart: {said}", said))
-    return found, _chart(folder, first)[1]
+    return found
 
 
-def _chart(folder: Path, trial: Trial) -> tuple[list[Captioned], Captioned | None]:
-    """Draw where the time of a trial went; no other picture."""
+def _chart(folder: Path, trial: Trial) -> Captioned | None:
+    """Draw where the time of a trial went; None if it noted nothing."""
     if not trial.spans:
-        return [], None
+        return None
     what = ", ".join(str(trial.about[key]) for key in ("task", "variant", "method") if trial.about[key])
     chart = draw_timechart(trial, folder / "timechart.png", title=f"Time chart, {what}")
     said = f"Where the time went in {place_of(trial)}: a row for each {trial.goal_noun} and arm, a bar for each step"
-    return [], Captioned(chart, f"Chart: {said}", said)
+    return Captioned(chart, f"Chart: {said}", said)
 
 
 def _there(trials: Sequence[Trial]) -> tuple[int, int]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from trocar.errors import InvalidInput
 from trocar.eval import TaskReport
-from trocar.eval.statistics import session_interval
+from trocar.eval.statistics import by_session, session_interval
 from trocar.eval.trial import Trial
 from trocar.notebook import table
 from trocar.report.timechart import OTHER, parts_of
@@ -50,9 +50,10 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
     added = report.summary(trials)
     trials = [trial.noted() for trial in trials]
     about, robot = trials[0].about, trials[0].on_robot
-    scores = [score for trial in trials for score in trial.scores]
-    attempted = [score for score in scores if score["attempted"]]
+    attempted = [score for trial in trials for score in trial.scores if score["attempted"]]
     done, count = sum(bool(score["succeeded"]) for score in attempted), len(attempted)
+    succeeded_in = by_session(trials, lambda t: sum(bool(s["attempted"] and s["succeeded"]) for s in t.scores))
+    attempted_in = by_session(trials, lambda t: sum(bool(s["attempted"]) for s in t.scores))
     total_s = sum(trial.duration_s for trial in trials)
     wall_s = sum(trial.wall_s for trial in trials)
     compute, missed = _compute(trials)
@@ -63,12 +64,12 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
         {
             **{key: about[key] for key in ("task", "variant", "station", "method", "model", "planner", "seed")},
             "goal_noun": about["goal_noun"],
-            "sessions": len({trial.about["session"] for trial in trials}),
+            "sessions": len(attempted_in),
             "trials": len(trials),
             "attempted": count,
             "succeeded": done,
             "success_rate": done / count if count else None,
-            "success_ci95": list(session_interval(*_by_session(trials))),
+            "success_ci95": list(session_interval(*([*map(sum, of.values())] for of in (succeeded_in, attempted_in)))),
             "complete_trials": sum(  # what the paper calls a successful trial
                 bool(trial.scores) and all(score["succeeded"] for score in trial.scores) for trial in trials
             ),
@@ -98,17 +99,6 @@ def _tally(trials: Sequence[Trial]) -> int | None:
     """Return how many goals a person counted; None unless somebody did in every trial."""
     counts = [trial.about.get("tally") for trial in trials]
     return sum(counts) if all(isinstance(count, int) for count in counts) else None  # type: ignore[arg-type]
-
-
-def _by_session(trials: Sequence[Trial]) -> tuple[list[int], list[int]]:
-    """Return how many goals succeeded and how many were attempted in each session."""
-    counts: dict[int, list[int]] = {}
-    for trial in trials:
-        for score in trial.scores:
-            of_session = counts.setdefault(trial.about["session"], [0, 0])
-            of_session[0] += bool(score["attempted"] and score["succeeded"])
-            of_session[1] += bool(score["attempted"])
-    return [counts[s][0] for s in sorted(counts)], [counts[s][1] for s in sorted(counts)]
 
 
 def _parts(trials: Sequence[Trial], count: int, order: Sequence[str]) -> dict[str, float]:

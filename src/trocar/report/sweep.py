@@ -15,8 +15,8 @@ from trocar.eval import TASKS, Task, methods_of
 from trocar.eval.comparison import ratio_estimate, session_estimate
 from trocar.eval.config import MAX_TRIALS, RunConfig
 from trocar.eval.method import pick_method
-from trocar.eval.statistics import session_interval
-from trocar.eval.study import Condition, RowKind, TableData, by_session
+from trocar.eval.statistics import by_session, session_interval
+from trocar.eval.study import Condition, RowKind, TableData
 from trocar.eval.trial import Trial
 from trocar.files.output import write_json
 from trocar.lab.flaws import FLAWS, MILD, MOST_SCALE, SHOWN, Difficulty

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput
+from trocar.geometry import steady
 from trocar.replay import Replay
 
 FRAME_RATES = (30.0, 25.0, 20.0, 15.0, 12.0, 10.0, 7.5, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0)  # per second, the finest first
@@ -67,7 +68,7 @@ def shoot(replay: Replay, rates_hz: Sequence[float] = FRAME_RATES, max_poses: in
     n = len(replay.times_s)
     bodies = tuple(moving)
     position = np.array([T.translation_m for T in moving.values()]).reshape(-1, n, 3)
-    wxyz = np.array([_steady(T.rotation.as_quaternion()) for T in moving.values()]).reshape(-1, n, 4)
+    wxyz = np.array([steady(T.rotation.as_quaternion()) for T in moving.values()]).reshape(-1, n, 4)
 
     def shot(rate_hz: float) -> Film:
         ticks = _ticks(replay.times_s, rate_hz)
@@ -104,12 +105,6 @@ def _ticks(times_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.intp]:
     after = np.clip(np.searchsorted(times_s, wanted), 1, max(1, len(times_s) - 1))
     before_is_nearer = wanted - times_s[after - 1] <= times_s[np.minimum(after, len(times_s) - 1)] - wanted
     return np.unique(np.append(np.where(before_is_nearer, after - 1, after), len(times_s) - 1))
-
-
-def _steady(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions (k, 4) whose signs do not jump from one to the next."""
-    leaps = np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1]) < 0
-    return wxyz * np.where(np.append(False, np.cumsum(leaps) % 2 == 1), -1.0, 1.0)[:, None]
 
 
 def _moved(position_m: NDArray[np.float64], wxyz: NDArray[np.float64]) -> NDArray[np.bool_]:

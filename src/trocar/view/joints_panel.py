@@ -122,3 +122,14 @@ class JointsPanel:
         joint = self._joints.names.index(self._menu.value)
         self._curves.title = f"{self._menu.value}: difference from {self._joints.reference}, {unit(joint)}"
         self._curves.data = self._joints.errors_near(self._tick, joint)
+
+
+def add_joints(gui: GuiApi, replay: Replay, ahead_s: float = WINDOW_S) -> dict[str, JointsPanel]:
+    """Add a tab for each arm whose joints a replay has; return their panels by arm."""
+    tabs, found = gui.add_tab_group(), {}
+    for arm in replay.joints:
+        joints = Joints.of(replay, arm)
+        if joints is not None:
+            with tabs.add_tab(arm):
+                found[arm] = JointsPanel(gui, joints, ahead_s)
+    return found

@@ -18,7 +18,7 @@ from trocar.geometry import SE3
 from trocar.replay import Contact, Replay
 from trocar.view.camera_panel import reduced, with_outlines
 from trocar.view.film import shoot
-from trocar.view.joints_panel import Joints, JointsPanel
+from trocar.view.joints_panel import Joints, add_joints
 from trocar.view.replay import notice
 from trocar.view.server import close_server, open_panel, open_server
 from trocar.view.stage import (
@@ -278,14 +278,8 @@ class LiveView:
             self._time_line = LiveTimeLine(gui)
         with gui.add_folder("Events", order=EVENTS):
             self._events = gui.add_html("")
-        self._joints: dict[str, JointsPanel] = {}
         with gui.add_folder("Joints", order=JOINTS):
-            tabs = gui.add_tab_group()
-            for arm in replay.tools:
-                joints = Joints.of(replay, arm)
-                if joints is not None:
-                    with tabs.add_tab(arm):
-                        self._joints[arm] = JointsPanel(gui, joints, ahead_s=0.0)
+            self._joints = add_joints(gui, replay, ahead_s=0.0)
 
     def _show_panels(self, moment: Moment) -> None:
         cards = [card(tip, moment.arms[tip.arm]) for tip in self._tips if tip.arm in moment.arms]

@@ -12,7 +12,6 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from queue import SimpleQueue
 from threading import Lock, Thread
-from types import TracebackType
 from typing import Any
 
 from trocar.errors import MachineError
@@ -94,9 +93,7 @@ class LivePage:
         self._sender.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._packed.put(None)
         self._sender.join(END_S)
         if self._sender.is_alive():

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import rich
 
-from trocar.errors import InvalidInput
-from trocar.extras import how_to_install
+from trocar.errors import InvalidInput, NotInstalled
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -35,7 +34,7 @@ def open_server(port: int) -> ViserServer:
     try:
         from viser import ViserServer  # an extra
     except ImportError:
-        raise InvalidInput("3D in the browser", "needs viser", f"{how_to_install('view')}") from None
+        raise NotInstalled("3D in the browser", "viser", "view") from None
     with _quiet(), _own_pages_only():
         return ViserServer(host=LOCAL, port=port, verbose=False)
 

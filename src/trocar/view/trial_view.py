@@ -12,7 +12,7 @@ import numpy as np
 from trocar.replay import Replay
 from trocar.view.camera_panel import CameraPanel
 from trocar.view.film import last_until, shoot
-from trocar.view.joints_panel import Joints, JointsPanel
+from trocar.view.joints_panel import JointsPanel, add_joints
 from trocar.view.replay import notice
 from trocar.view.server import close_server, open_panel, open_server
 from trocar.view.stage import Stage, said_of
@@ -175,12 +175,7 @@ def _panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | ErrorPanel | Ca
     for camera in dict.fromkeys(image.camera for image in replay.images):
         with gui.add_folder(f"Camera: {camera}"):
             found.append(CameraPanel(gui, replay, camera))
-    joints = {arm: Joints.of(replay, arm) for arm in replay.joints}
-    if any(joints.values()):
+    if any(replay.joints.values()):
         with gui.add_folder("Joints"):
-            tabs = gui.add_tab_group()
-            for arm, values in joints.items():
-                if values is not None:
-                    with tabs.add_tab(arm):
-                        found.append(JointsPanel(gui, values))
+            found += add_joints(gui, replay).values()
     return found

@@ -10,15 +10,13 @@ from html import escape
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from trocar.counting import counted
-from trocar.errors import InvalidInput, TrocarError
+from trocar.errors import InvalidInput, NotInstalled, TrocarError
 from trocar.eval.trial import Trial
 from trocar.eval.trials import sessions_met
-from trocar.extras import how_to_install
 from trocar.report.browse import addresses
 from trocar.report.browse.all_runs import PROPERTIES, all_runs_page
 from trocar.report.browse.one_run import one_run_page
@@ -56,9 +54,7 @@ class BrowseServer:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
@@ -107,7 +103,7 @@ class BrowseServer:
         try:
             from trocar.view.replay import write_replay  # an extra
         except ImportError:
-            raise InvalidInput("a replay", "needs viser", how_to_install("view")) from None
+            raise NotInstalled("a replay", "viser", "view") from None
         stamp = trial.stat()
         place = "-".join((trial.parent.parent.name, trial.parent.name, trial.stem))
         path = Path(self._replays.name) / f"{place}-{stamp.st_ino}-{stamp.st_mtime_ns}.html"

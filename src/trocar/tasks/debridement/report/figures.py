@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trocar.eval.comparison import ratio_estimate, session_estimate
-from trocar.eval.statistics import session_interval
-from trocar.eval.study import by_session
+from trocar.eval.statistics import by_session, session_interval
 from trocar.report.timechart import parts_of
 from trocar.tasks.debridement.report.table_one import MODES, PARTS
 
