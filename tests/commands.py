@@ -26,7 +26,8 @@ def trocar(monkeypatch, capsys):
 @pytest.fixture
 def unpictured(monkeypatch):
     """Draw no pictures of runs, and make no replay."""
-    monkeypatch.setattr("trocar.report.files._pictures", lambda *rest: ([], None))
+    monkeypatch.setattr("trocar.report.files._pictures", lambda *rest: [])
+    monkeypatch.setattr("trocar.report.files._chart", lambda *rest: None)
     monkeypatch.setattr("trocar.report.files.can_photograph", lambda: False)
     monkeypatch.setattr("trocar.report.files.find_spec", lambda module: None)
 
@@ -34,23 +35,18 @@ def unpictured(monkeypatch):
 @pytest.fixture
 def played(monkeypatch, unpictured):
     """Replace trials by synthetic ones without pictures; return the list of those that were played."""
-    from synthetic import synthetic_trial
-    from trocar.eval.prepare import Prepared
+    from synthetic import prepared, synthetic_trial
 
     done = []
 
-    def run_trial(config, prepared, index, listener=None, *, raise_errors=False, attendant=None):
-        done.append((prepared.number, index))
-        trial = synthetic_trial(config, index, session=prepared.number)
+    def run_trial(config, session, index, listener=None, *, raise_errors=False, attendant=None):
+        done.append((session.number, index))
+        trial = synthetic_trial(config, index, session=session.number)
         for event in trial.events:
             listener(event)
         return trial
 
-    def prepare(config, number, folder, **_):
-        (folder / f"session_{number:02d}").mkdir(exist_ok=True)
-        return Prepared(number, None, {})
-
-    monkeypatch.setattr("trocar.eval.jobs.prepare", prepare)
+    monkeypatch.setattr("trocar.eval.jobs.prepare", prepared)
     monkeypatch.setattr("trocar.eval.jobs.run_trial", run_trial)
     return done
 

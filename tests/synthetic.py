@@ -26,6 +26,14 @@ TICK_S = 0.01
 GOALS = PegTransfer().goals()
 
 
+def prepared(run: RunConfig, number: int, folder: Path, **_: object) -> Any:
+    """Stand in for ``trocar.eval.prepare.prepare``: a session's folder, and nothing in it."""
+    from trocar.eval.prepare import Prepared  # the simulator is heavy
+
+    (folder / f"session_{number:02d}").mkdir(exist_ok=True)
+    return Prepared(number, None, {})  # type: ignore[arg-type]
+
+
 def config(**options: object) -> RunConfig:
     """Return a run of peg transfers; options as ``RunConfig`` has them. If it is calibrated, then without images."""
     task = PegTransfer()

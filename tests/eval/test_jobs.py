@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from synthetic import config, synthetic_trial
+from synthetic import config, prepared, synthetic_trial
 from trocar.calibration.models import load_model
 from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.eval import jobs
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import open_folder
 from trocar.eval.jobs import SessionOrder, TrialOrder, calibrate, opened, play, play_run
-from trocar.eval.prepare import CACHE, Prepared, cable_file, cached_calibrations, prepare
+from trocar.eval.prepare import CACHE, cable_file, cached_calibrations, prepare
 from trocar.eval.staged import AGENT_ERROR
 from trocar.eval.study import conditions_of, row_file
 from trocar.eval.trial import trial_file
@@ -46,18 +46,14 @@ def played(monkeypatch):
     """Replace trials by synthetic ones; return the list of those that were played."""
     done = []
 
-    def run_trial(run, prepared, index, listener=None, **_):
-        done.append((prepared.number, index))
+    def run_trial(run, session, index, listener=None, **_):
+        done.append((session.number, index))
         for name in ("transfer", "no grasp") if listener else ():
             listener({"name": name})
-        return synthetic_trial(run, index, session=prepared.number)
-
-    def without_simulator(run, number, folder, **_):
-        (folder / f"session_{number:02d}").mkdir(exist_ok=True)
-        return Prepared(number, None, {})
+        return synthetic_trial(run, index, session=session.number)
 
     monkeypatch.setattr(jobs, "run_trial", run_trial)
-    monkeypatch.setattr(jobs, "prepare", without_simulator)
+    monkeypatch.setattr(jobs, "prepare", prepared)
     return done
 
 
@@ -73,10 +69,7 @@ def test_a_trial_that_is_there_is_not_run_again(tmp_path, played):
 
 
 def test_a_trial_whose_physics_broke_down_is_void_and_said(tmp_path, played, monkeypatch):
-    def broken(*_, **__):
-        raise PhysicsError(0.2)
-
-    monkeypatch.setattr(jobs, "run_trial", broken)
+    break_trial(monkeypatch, 0)
     open_folder(config(), tmp_path)
     order = TrialOrder(config(), tmp_path, 0, 0)
     assert "physics became unstable at 0.200 s" in play(order)
@@ -149,16 +142,21 @@ def test_several_jobs_run_trials_elsewhere_after_each_session_was_set_up_once(tm
     ]
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_what_is_wrong_with_a_trial_is_told_and_the_others_go_on(tmp_path, played, elsewhere, monkeypatch, count):
+def break_trial(monkeypatch, number):
+    """Let the physics of all trials of a number break down."""
     quickly = jobs.run_trial
 
-    def broken(run, prepared, index, *rest, **how):
-        if index == 1:
+    def broken(run, session, index, *rest, **how):
+        if index == number:
             raise PhysicsError(0.2)
-        return quickly(run, prepared, index, *rest, **how)
+        return quickly(run, session, index, *rest, **how)
 
     monkeypatch.setattr(jobs, "run_trial", broken)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_is_wrong_with_a_trial_is_told_and_the_others_go_on(tmp_path, played, elsewhere, monkeypatch, count):
+    break_trial(monkeypatch, 1)
     run = config(trials=3)
     (wrong,) = play_run(run, tmp_path, open_folder(run, tmp_path), jobs=count)
     assert wrong.startswith(str(tmp_path)) and "is void" in wrong
@@ -217,14 +215,7 @@ def test_a_program_is_told_which_options_there_are(name):
 
 
 def test_a_program_is_warned_of_a_trial_that_failed_and_gets_the_others(tmp_path, played, monkeypatch):
-    quickly = jobs.run_trial
-
-    def broken(run, prepared, index, *rest, **how):
-        if index == 0:
-            raise PhysicsError(0.2)
-        return quickly(run, prepared, index, *rest, **how)
-
-    monkeypatch.setattr(jobs, "run_trial", broken)
+    break_trial(monkeypatch, 0)
     with pytest.warns(UserWarning, match="is void: the physics became unstable"):
         trials = jobs.run("peg-transfer", out=tmp_path / "run", method="uncalibrated", trials=2)
     assert [trial.about["index"] for trial in trials] == [1]

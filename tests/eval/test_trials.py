@@ -7,10 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 import trocar
-from synthetic import config, synthetic_trial
+from synthetic import config, prepared, synthetic_trial
 from trocar.errors import InvalidInput, UnknownName
 from trocar.eval import jobs
-from trocar.eval.prepare import Prepared
 from trocar.eval.trial import trial_file
 from trocar.eval.trials import Trials
 
@@ -61,16 +60,12 @@ def test_two_runs_are_compared_session_by_session(tmp_path):
 def test_one_call_runs_what_is_missing_and_returns_all(tmp_path, monkeypatch):
     done = []
 
-    def run_trial(run, prepared, index, *_, **__):
-        done.append((prepared.number, index, run.settings, run.task.transfers, run.how_difficult))
-        return synthetic_trial(run, index, session=prepared.number)
-
-    def prepare(run, number, folder, **_):
-        (folder / f"session_{number:02d}").mkdir(exist_ok=True)
-        return Prepared(number, None, {})
+    def run_trial(run, session, index, *_, **__):
+        done.append((session.number, index, run.settings, run.task.transfers, run.how_difficult))
+        return synthetic_trial(run, index, session=session.number)
 
     monkeypatch.setattr(jobs, "run_trial", run_trial)
-    monkeypatch.setattr(jobs, "prepare", prepare)
+    monkeypatch.setattr(jobs, "prepare", prepared)
     monkeypatch.chdir(tmp_path)
     given = {"method": "uncalibrated", "sessions": 2, "seed": 1, "difficulty": "mild", "settings": {"settle_s": 0.2}}
     first = trocar.run("peg-transfer", **given)

@@ -66,7 +66,8 @@ def test_a_storyboard_is_that_of_the_report_that_is_given(tmp_path, monkeypatch)
 def without_pictures(monkeypatch):
     monkeypatch.setattr(files, "can_photograph", lambda: False)
     monkeypatch.setattr(files, "find_spec", lambda module: None)
-    monkeypatch.setattr(files, "_pictures", lambda *_: ([], None))
+    monkeypatch.setattr(files, "_pictures", lambda *_: [])
+    monkeypatch.setattr(files, "_chart", lambda *_: None)
 
 
 def test_a_run_whose_record_is_lost_is_as_large_as_its_trials_span(tmp_path, without_pictures):

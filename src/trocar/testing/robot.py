@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 
 import numpy as np
 import trio
@@ -84,37 +85,23 @@ class _RobotCheck:
 
     async def is_not_hurried_by_a_busy_script(self) -> None:
         """A script that computes without letting anybody else run makes a motion slower at most."""
-        motion, results = self._motion_to(self.away), {}
-
-        async def run() -> None:
-            results.update(await self.robot.move({self.arm: motion}))
-
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(run)
-            await self.cell.clock.sleep(motion.duration_s / 4)
+        async with self._running(self._motion_to(self.away), 0.25) as results:
             time.sleep(BUSY_S)
-        result = results[self.arm]
+        (result,) = results
         require(result.done, self.subject, f"run a motion to its end while its script computes; {result.reason}")
         self._check_result(result)
         await self._home()
 
     async def is_held(self) -> None:
         """A running motion refuses another one, brakes when it is told to hold, and says so."""
-        results: dict[str, MotionResult] = {}
         motion, why = self._motion_to(self.away), HeldByCheck("check_robot holds the arm")
-
-        async def run() -> None:
-            results.update(await self.robot.move({self.arm: motion}))
-
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(run)
-            await self.cell.clock.sleep(motion.duration_s / 2)
+        async with self._running(motion, 0.5) as results:
             require(self.robot.setpoint(self.arm).moving, self.subject, "say that it moves while a motion runs")
             await self._refused({self.arm: motion}, "refuse a motion while another one runs")
             self.robot.hold(self.arm, reason=why)
             await self.robot.rest(self.arm)
             self._check_rest()
-        result = results[self.arm]
+        (result,) = results
         said = result.ended is MotionEnd.HELD and isinstance(result.cause, HeldByCheck)
         require(said, self.subject, f"end a held motion as HELD with the reason given, not {result.ended}")
         self._check_result(result)
@@ -138,18 +125,11 @@ class _RobotCheck:
 
     async def is_replaced(self) -> None:
         """Another motion takes over without a stop; the first one returns as replaced."""
-        ends: list[MotionEnd] = []
-        motion = self._motion_to(self.away)
-
-        async def run() -> None:
-            ends.append((await self.robot.move({self.arm: motion}))[self.arm].ended)
-
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(run)
-            await self.cell.clock.sleep(motion.duration_s / 2)
+        async with self._running(self._motion_to(self.away), 0.5) as results:
             now = self.robot.setpoint(self.arm)
             back = move_to(now.q, now.velocity, self.home, self.limits)
             result = (await self.robot.replace({self.arm: back}))[self.arm]
+        ends = [one.ended for one in results]
         require(ends == [MotionEnd.REPLACED], self.subject, f"end a replaced motion as REPLACED, not {ends}")
         require(result.done, self.subject, f"run the motion that takes over to its end; {result.reason}")
         self._check_rest_at(self.home)
@@ -164,6 +144,19 @@ class _RobotCheck:
             read_rad = self.robot.read(self.arm).jaw_rad
             near = math.isfinite(read_rad) and abs(read_rad - angle_rad) < 0.1
             require(near, self.subject, f"read {angle_rad:.2f} rad of its jaws there, not {read_rad:.2f}")
+
+    @asynccontextmanager
+    async def _running(self, motion: Trajectory, share: float) -> AsyncIterator[list[MotionResult]]:
+        """Do something once this share of a motion's time is over; afterwards the motion's result is in the list."""
+        results: list[MotionResult] = []
+
+        async def run() -> None:
+            results.append((await self.robot.move({self.arm: motion}))[self.arm])
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(run)
+            await self.cell.clock.sleep(share * motion.duration_s)
+            yield results
 
     def _motion_to(self, goal: NDArray[np.float64]) -> Trajectory:
         return rest_to_rest(self.robot.setpoint(self.arm).q, goal, self.limits)
