@@ -64,6 +64,16 @@ def test_a_policy_that_has_changed_is_another_one(tmp_path):
         pass
 
 
+def test_a_function_of_a_package_beside_which_one_works_is_no_folder(tmp_path, monkeypatch):
+    (tmp_path / "policy_package").mkdir()
+    (tmp_path / "policy_package" / "__init__.py").write_text("def act(seen):\n    return [len(seen)]\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert policy_digest("policy_package:act") == ""
+    with load_policy("policy_package:act") as ask:
+        assert ask(SEEN) == [len(SEEN)]
+
+
 @pytest.mark.parametrize(
     ("name", "said"), [("raises", "raised KeyError: 'weights'"), ("hangs", "has not answered within 0.2 s")]
 )

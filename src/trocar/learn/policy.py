@@ -36,8 +36,8 @@ def policy_digest(policy: str) -> str:
         BadFile: there is none.
         InvalidInput: it is none of what a policy can be.
     """
-    path = Path(policy.rpartition(":")[0] or policy)
-    if policy.startswith(SERVER) or not (path.suffix == ".py" or path.exists()):
+    path = Path(policy) if Path(policy).is_dir() else Path(policy.rpartition(":")[0] or policy)
+    if policy.startswith(SERVER) or not (path.suffix == ".py" or Path(policy).exists()):
         _parts(policy)
         return ""
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
