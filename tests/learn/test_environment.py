@@ -188,7 +188,8 @@ def test_the_truth_is_observed_on_request_alone():
 
 
 def test_a_picture_for_people():
-    env = CellEnv("peg-transfer", render_mode="rgb_array", **ONE)
+    env = CellEnv("peg-transfer", render_mode="rgb_array", rate_hz=10.0, **ONE)
+    assert env.metadata["render_fps"] == 10.0 and CellEnv.metadata["render_fps"] == 30, "a video is as fast as the cell"
     env.reset(seed=0)
     first = env.render()
     assert first.ndim == 3 and first.dtype == np.uint8 and first.std() > 10

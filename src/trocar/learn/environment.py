@@ -129,6 +129,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             plugins=tuple(map(str, plugins)),
         )
         self._action, self._rate_hz = action, rate_hz
+        self.metadata = {**self.metadata, "render_fps": rate_hz}  # of pictures taken step by step
         self._prepared: dict[int, Prepared] = {}
         self._folder: TemporaryDirectory[str] | None = None
         self._stepping: Stepping | None = None
