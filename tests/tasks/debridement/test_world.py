@@ -1,6 +1,7 @@
 """Foam between jaws, from physics alone: an ideal arm grasps, misses, drops, and the referee sees it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from trocar.lab import SensorFlaws, load_station
 from trocar.lab.session import draw_session
 from trocar.motion import rest_to_rest
 from trocar.sim.laboratory import SimLaboratory
-from trocar.tasks.debridement.goals import Receptacle
+from trocar.tasks.debridement.goals import Clearing, Receptacle
 from trocar.tasks.debridement.grips import closings_of
 from trocar.tasks.debridement.score import score_fragments
 from trocar.tasks.debridement.task import Debridement
@@ -244,3 +245,12 @@ def test_arms_that_press_on_the_table_are_counted_and_the_physics_stays_whole():
         assert height.min() > 0 and height.max() < 0.10
     for T in record.T_world_tip.values():
         assert T.translation_m[:, 2].min() > TABLE_M - 0.006
+
+
+def test_a_fragment_that_lies_on_another_in_the_receptacle_is_no_errand():
+    scene = scene_of(count=2)
+    world = Debridement(fragments=2).world(scene)
+    on_another = scene.T_world_receptacle.translation_m + [0.0, 0.0, 0.017]
+    lying = scene.fragments[1].T_world_fragment.translation_m
+    world._world = SimpleNamespace(free_poses=lambda: np.pad([on_another, lying], ((0, 0), (0, 4))))
+    assert np.array_equal(world.errand(Clearing(1))[0], lying)

@@ -17,7 +17,7 @@ from trocar.sim.spec import INTANGIBLE, SOLID, digits, placed
 from trocar.sim.world import TaskWorld, World
 from trocar.tasks.debridement.goals import Clearing
 from trocar.tasks.debridement.scene import GROUND, DebridementScene, Fragment
-from trocar.tasks.debridement.truth import DebridementTruth, Sights
+from trocar.tasks.debridement.truth import HEAP_M, DebridementTruth, Sights
 
 RED_FOAM = (0.62, 0.05, 0.05)
 WHITE_SURFACE = (0.75, 0.75, 0.74)
@@ -121,7 +121,8 @@ class DebridementWorld(TaskWorld):
         """Return where the fragment is that lies next to the receptacle, and the middle of the receptacle's floor."""
         scene, fragments = self._scene, self._world.free_poses()[:, :3]
         middle = scene.T_world_receptacle.translation_m
-        inside = scene.receptacle.holds(scene.T_world_receptacle.inverse().apply(fragments))
+        in_receptacle = scene.T_world_receptacle.inverse().apply(fragments)
+        inside = scene.receptacle.holds(in_receptacle - [0.0, 0.0, HEAP_M])  # as the referee counts them
         away = np.where(inside, np.inf, np.linalg.norm(fragments - middle, axis=1))
         return fragments[self._errands.setdefault(goal, int(away.argmin()))], middle
 
