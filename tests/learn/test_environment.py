@@ -174,7 +174,7 @@ def test_a_reset_to_a_session_that_is_not_there_is_refused(peg):
         peg.reset(options={"session": 99})
     with pytest.raises(UnknownName, match="'scene'"):
         peg.reset(options={"scene": 1})
-    _, info = peg.reset(options={"session": 3, "trial": 5})
+    _, info = peg.reset(options={"session": np.int64(3), "trial": 5})
     assert (info["session"], info["trial"]) == (3, 5)
 
 

@@ -191,7 +191,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         if wanted:
             raise UnknownName("option of reset()", next(iter(wanted)), ("session", "trial"))
         for name, value, most in (("session", session, self.config.sessions), ("trial", index, MAX_INDEX)):
-            if not (isinstance(value, int) and 0 <= value < most):
+            if not (isinstance(value, int | np.integer) and 0 <= value < most):
                 raise InvalidValue(f"the {name} of reset()", value, f"give 0 to {most - 1}")
         self._set_up(session, index)
         self._scored_s, self._reached, self._over = -REFEREE_S, 0, False
