@@ -14,6 +14,7 @@ from PIL import Image
 from trocar.errors import InvalidInput
 from trocar.files.output import replacing
 from trocar.files.video import mp4
+from trocar.learn.statistics import QUANTILES
 
 OPTIONS = {"preset": "ultrafast", "crf": "23", "g": "30"}
 """Images stand still for a second: smaller files cost three times the work."""
@@ -84,6 +85,6 @@ class _Sums:
             "max": levels[255 - seen[:, ::-1].argmax(axis=1)],
             "mean": mean,
             "std": np.sqrt(np.maximum(0.0, self._counts @ levels**2 / total - mean**2)),
-            **{f"q{q:02d}": levels[(share >= q / 100).argmax(axis=1)] for q in (1, 10, 50, 90, 99)},
+            **{name: levels[(share >= q).argmax(axis=1)] for name, q in QUANTILES.items()},
         }
         return {**{name: value.reshape(3, 1, 1).tolist() for name, value in found.items()}, "count": [frames]}

@@ -24,7 +24,6 @@ from trocar.report.style import Picture, picture
 from trocar.report.timechart import chart
 from trocar.trajectory import Trajectory
 
-COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 DERIVATIVES = (("position", ""), ("velocity", "/s"), ("acceleration", "/s²"), ("jerk", "/s³"))
 ARM_NAMES = ("yaw", "pitch", "insertion (mm)", "roll", "wrist pitch", "wrist yaw")
 ARM_SCALES = np.where(np.arange(6) == 2, 1e3, np.degrees(1.0))
@@ -87,7 +86,7 @@ def _column(
     """Draw signals (n, joints) one below the other over time; those that end earlier have fewer rows."""
     for axes, values, label in zip(column, rows, labels, strict=True):
         for k, name in enumerate(names):
-            look = {"linewidth": linewidth, "color": COLOURS[k % len(COLOURS)]}
+            look = {"linewidth": linewidth, "color": style.SERIES[k % len(style.SERIES)]}
             axes.plot(times_s[: len(values)], values[:, k], label=name, **look)
         axes.set_ylabel(label)
     column[-1].set_xlabel("s")

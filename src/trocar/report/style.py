@@ -20,6 +20,7 @@ from trocar.files.output import PICTURE, make_folder, mark_of, write_figure, wri
 # Okabe and Ito 2008: distinguishable with every common colour blindness
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
+SERIES = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)  # of methods, arms or paths side by side, in this order
 INK, QUIET, FAINT = "#222222", "#6B6B6B", "#E4E4E4"
 PATHS = "viridis"  # uniform in lightness, so it also prints in grey
 DPI = 130

@@ -12,8 +12,6 @@ from trocar.report import style
 from trocar.report.timechart import COLOURS
 from trocar.tasks.debridement.report.table_one import MODES, PARTS, PERSON, TABLE_1
 
-METHOD_COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
-
 Figures = Sequence[tuple[str, str, Mapping[str, Any]]]
 """Variant, method and figures of each condition."""
 
@@ -70,7 +68,7 @@ def draw_failures(ours: Figures, path: Path) -> Path:
                 for column, colour in ((TABLE_1[variant], style.INK), (PERSON, "#A9A9A9"))
             ]
             rows += [
-                (method, METHOD_COLOURS[methods.index(method) % len(METHOD_COLOURS)], [_rate(f, m) for m in MODES])
+                (method, style.SERIES[methods.index(method) % len(style.SERIES)], [_rate(f, m) for m in MODES])
                 for name, method, f in ours
                 if name == variant
             ]

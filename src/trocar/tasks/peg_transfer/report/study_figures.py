@@ -28,7 +28,6 @@ COMPLETION_S = {
 COLLISIONS = {"surgeon": 6, "volunteers": 8}
 """People's median collisions per trial on all variants, section V-D.4."""
 KINDS = ("velocity", "acceleration", "jerk")
-COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE, style.SKY)
 PEOPLE = {"volunteers": ("s", style.QUIET), "surgeon": ("^", style.INK)}
 LEAST_OF_BOX = 5
 """Minimum number of trials for a box."""
@@ -51,7 +50,7 @@ class Cells:
 
     def colour(self, method: str) -> str:
         """Return the colour of a method."""
-        return COLOURS[self.methods.index(method) % len(COLOURS)]
+        return style.SERIES[self.methods.index(method) % len(style.SERIES)]
 
     def handles(self) -> list[Patch]:
         """Return what a legend shows."""
@@ -112,7 +111,7 @@ def draw_paths(results: Sequence[Results[Row]], path: Path) -> Path:
             tools = trial.replay().tools
             for k, arm in enumerate(trial.about["arms"]):
                 tip = 1e3 * T_board_world.apply(tools[arm].p_world_driven_m)[::THINNED]
-                axes.plot(tip[:, 0], tip[:, 1], linewidth=0.7, color=COLOURS[k], label=arm)
+                axes.plot(tip[:, 0], tip[:, 1], linewidth=0.7, color=style.SERIES[k], label=arm)
             axes.plot(pegs[:, 0], pegs[:, 1], "o", color=style.INK, markersize=3)
             axes.set_aspect("equal")
             axes.set_title(f"{result.condition.name}, {result.condition.method}: {row.path_m:.1f} m", fontsize=8)
