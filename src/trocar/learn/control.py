@@ -221,13 +221,12 @@ def _action_names(arms: Sequence[str], action: str, cell: Cell, mark: str = "_sp
 def _bounds(cell: Cell, arm: str, action: str, rate_hz: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return least and greatest values of an arm's part of an action."""
     model = cell.arms[arm]
-    if action == JOINTS:
-        return np.append(model.lower, model.jaw.lower), np.append(model.upper, model.jaw.upper)
-    if action == CARTESIAN:
-        most = np.array([SPEED_M] * 3 + [SPEED_RAD] * 3) / rate_hz
-        return np.append(-most, model.jaw.lower), np.append(most, model.jaw.upper)
-    most = np.array([REACH_M] * 3 + [1.0] * 4)
-    return np.append(-most, model.jaw.lower), np.append(most, model.jaw.upper)
+    low, high = model.lower, model.upper
+    if action != JOINTS:
+        cartesian = np.array([SPEED_M] * 3 + [SPEED_RAD] * 3) / rate_hz
+        high = cartesian if action == CARTESIAN else np.array([REACH_M] * 3 + [1.0] * 4)
+        low = -high
+    return np.append(low, model.jaw.lower), np.append(high, model.jaw.upper)
 
 
 def _untold(robot: Robot, arm: str) -> NDArray[np.float64] | float:
@@ -246,10 +245,10 @@ class Eyes:
         self._cell = cell
         self.last: dict[str, Image] = {}
 
-    async def watch(self, cell: Cell) -> None:
+    async def watch(self) -> None:
         """Take images."""
         while True:
-            for name, camera in cell.cameras.items():
+            for name, camera in self._cell.cameras.items():
                 self.last[name] = await camera.capture(whole_window(camera.model))  # or it would keep them all
 
     def observe(self) -> dict[str, NDArray[np.uint8]]:

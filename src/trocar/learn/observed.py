@@ -52,7 +52,7 @@ class Observation:
         """Take the images that are needed, for ever."""
         async with trio.open_nursery() as nursery:
             if self.eyes is not None:
-                nursery.start_soon(self.eyes.watch, cell)
+                nursery.start_soon(self.eyes.watch)
             if self.objects is not None:
                 nursery.start_soon(self.objects.watch)
 

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from trocar.errors import BadFile, InvalidInput, InvalidValue
-from trocar.files.reading import read_json
+from trocar.files.reading import parsed_json, read_json
 from trocar.learn.episode import ACTION, STATE
 from trocar.learn.poses import WIDTH, action_names, state_names
 
@@ -141,8 +141,6 @@ def _file_of(folder: Path, info: Mapping[str, Any], number: int) -> tuple[Path, 
 
 
 def _parsed(line: str) -> dict[str, Any] | None:
-    from trocar.files.reading import parsed_json
-
     try:
         found = parsed_json(line)
     except ValueError:
