@@ -27,7 +27,7 @@ visible."""
 RELEASE_S = 2.0  # an agent's announcement of a release counts for this long
 STILL_M = 1e-3  # a fragment that moves less than this in a tenth of a second is at rest
 STILL_S = 0.1
-USES = ("allocated", "fragment", "stopped")  # events that an agent notes when it has acted on a look
+USES = ("allocated", "fragment")  # events that an arm notes when it has acted on a look
 
 
 @dataclass(frozen=True)
@@ -248,14 +248,12 @@ def false_pickups(
 
 def _acted_on(events: Sequence[Event], number: int) -> bool:
     """Return whether an agent acted on a look before it looked again or stopped looking."""
-    event = events[number]
-    arms = event.get("arms") or [event.get("arm")]
+    arm = events[number].get("arm")
     for later in events[number + 1 :]:
-        theirs = later.get("arms") or [later.get("arm")]
-        if later["name"] == "detected" and set(theirs) & set(arms):
-            return False
-        if later["name"] in USES and (later.get("arm") in arms or later["name"] == "stopped"):
+        if later["name"] == "stopped" or (later["name"] in USES and later.get("arm") == arm):
             return True
+        if later["name"] == "detected" and later.get("arm") == arm:
+            return False
     return True
 
 

@@ -23,9 +23,7 @@ def seen(x, y, height_m=0.004):
 
 @pytest.fixture
 def allocation():
-    made = Allocation(
-        SimpleNamespace(progress=lambda: None), Workspace(), TABLE, RECEPTACLE, {"left": 1, "right": -1}, 6
-    )
+    made = Allocation(SimpleNamespace(progress=lambda: None), Workspace(), TABLE, RECEPTACLE, 6)
     made.busy = {"left", "right"}
     return made
 
@@ -39,31 +37,31 @@ ALL = [seen(*place) for place in (MIDDLE, OUTER_LEFT, OUTER_RIGHT)]
 
 
 def test_each_arm_takes_the_outermost_on_its_side_first(allocation):
-    assert places(allocation.choices("left", ALL, APART_M, 0.0)) == [OUTER_LEFT, MIDDLE, OUTER_RIGHT]
-    assert places(allocation.choices("right", ALL, APART_M, 0.0)) == [OUTER_RIGHT, MIDDLE, OUTER_LEFT]
+    assert places(allocation.choices("left", 1, ALL, APART_M, 0.0)) == [OUTER_LEFT, MIDDLE, OUTER_RIGHT]
+    assert places(allocation.choices("right", -1, ALL, APART_M, 0.0)) == [OUTER_RIGHT, MIDDLE, OUTER_LEFT]
 
 
 def test_nothing_near_the_other_arms_fragment_is_given_until_it_carries_that_away(allocation):
     near = seen(MIDDLE[0] + 0.02, MIDDLE[1])
     allocation.claim("right", ALL[0].p_world_m)
-    assert places(allocation.choices("left", [*ALL, near], APART_M, 0.0)) == [OUTER_LEFT, OUTER_RIGHT]
+    assert places(allocation.choices("left", 1, [*ALL, near], APART_M, 0.0)) == [OUTER_LEFT, OUTER_RIGHT]
     allocation.carry("right")
-    assert len(allocation.choices("left", [*ALL, near], APART_M, 0.0)) == 4
+    assert len(allocation.choices("left", 1, [*ALL, near], APART_M, 0.0)) == 4
     assert "right" in allocation.claimed  # it still has a fragment that counts
 
 
 def test_a_place_where_one_failed_comes_last_for_a_while(allocation):
     allocation.failures.append(Failure("left", ALL[1].p_world_m, 10.0, blocked=False))
-    assert places(allocation.choices("left", ALL, APART_M, 11.0))[-1] == OUTER_LEFT
-    assert places(allocation.choices("left", ALL, APART_M, 10.0 + PATIENCE_S + 1.0))[0] == OUTER_LEFT
+    assert places(allocation.choices("left", 1, ALL, APART_M, 11.0))[-1] == OUTER_LEFT
+    assert places(allocation.choices("left", 1, ALL, APART_M, 10.0 + PATIENCE_S + 1.0))[0] == OUTER_LEFT
 
 
 def test_where_an_arm_found_no_way_is_left_to_the_other_one_if_that_goes_on(allocation):
     allocation.failures.append(Failure("left", ALL[1].p_world_m, 10.0, blocked=True))
-    assert OUTER_LEFT not in places(allocation.choices("left", ALL, APART_M, 11.0))
-    assert OUTER_LEFT in places(allocation.choices("right", ALL, APART_M, 11.0))
+    assert OUTER_LEFT not in places(allocation.choices("left", 1, ALL, APART_M, 11.0))
+    assert OUTER_LEFT in places(allocation.choices("right", -1, ALL, APART_M, 11.0))
     allocation.busy = {"left"}
-    assert places(allocation.choices("left", ALL, APART_M, 11.0))[-1] == OUTER_LEFT
+    assert places(allocation.choices("left", 1, ALL, APART_M, 11.0))[-1] == OUTER_LEFT
 
 
 def test_what_lies_in_the_receptacle_or_hangs_in_the_air_is_not_loose(allocation):

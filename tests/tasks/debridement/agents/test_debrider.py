@@ -45,7 +45,7 @@ class Arm:
         self.stage, self.name, self.s, self.cell = stage, name, settings, stage.cell
         self.fails, self.holding, self.clinging, self.within_reach = {}, [], 0, True
         self.did, self.carried, self.over = [], None, False
-        self.turn_rad, self.height_m, self.model = 0.0, 0.0, None
+        self.turn_rad, self.height_m, self.model, self.side = 0.0, 0.0, None, 1 if name == "left" else -1
         self.robot = SimpleNamespace(T_world_tip=lambda name: SE3.from_parts(translation_m=[0.0, 0.0, 0.1]))
         self.places = SimpleNamespace(
             hold=lambda *_: "beside", home=lambda *_: "home", drop=lambda *_: "over", grasps=self.grasps
@@ -119,8 +119,8 @@ class Stage:
         self.cell = SimpleNamespace(log=self.log, clock=clock, arms=names, T_world_base_registered=names)
         self.coordinator = Coordinator(self.cell, tuple(names))
         workspace = replace(Workspace(), fragments=len(self.lying))
-        sides, goals = {"left": 1, "right": -1}, len(self.lying) if goals is None else goals
-        self.allocation = Allocation(self.coordinator, workspace, TABLE, TABLE, sides, goals)
+        goals = len(self.lying) if goals is None else goals
+        self.allocation = Allocation(self.coordinator, workspace, TABLE, TABLE, goals)
         self.arms = {name: Arm(self, name, settings or best()) for name in names}
 
     async def run(self, *names):

@@ -18,7 +18,14 @@ from trocar.log import CellLog
 from trocar.motion import rest_to_rest
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import StepEnded
-from trocar.tasks.debridement.agents.motions import HIGHER_M, MotionProblems, MotionRunner, NoMotion, TipGoal
+from trocar.tasks.debridement.agents.motions import (
+    HIGHER_M,
+    MotionProblems,
+    MotionRunner,
+    NoMotion,
+    TipGoal,
+    near_another_arm,
+)
 from trocar.tasks.debridement.agents.settings import best, paper
 from trocar.tasks.debridement.goals import Workspace
 
@@ -123,11 +130,8 @@ def test_what_to_do_without_a_plan_is_told_by_what_is_in_the_way(refusal, lastin
         with pytest.raises(NoMotion) as refused:
             await stage.runner.step("left", GOAL)
         error = refused.value
-        assert (error.lasting, error.begins_too_near, error.at_another_arm) == (
-            lasting,
-            begins_too_near,
-            at_another_arm,
-        )
+        found = error.lasting, error.begins_too_near, near_another_arm("left", error.cause)
+        assert found == (lasting, begins_too_near, at_another_arm)
         assert stage.learned == ["left"] and not stage.sent
         assert [event["reason"] for event in stage.log.events] == [str(refusal)]
 

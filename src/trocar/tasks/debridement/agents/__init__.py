@@ -46,9 +46,8 @@ class DebridementAgent:
             raise InvalidInput("debridement", f"needs its own settings, got {type(settings).__name__}")
         table, receptacle = cell.T_world_fixture["table"], cell.T_world_fixture["receptacle"]
         places = Places(table, receptacle, settings)
-        sides = {name: places.side(T) for name, T in cell.T_world_base_registered.items()}
         coordinator = Coordinator(cell, context.arms)
-        allocation = Allocation(coordinator, context.nominal, table, receptacle, sides, len(context.goals))
+        allocation = Allocation(coordinator, context.nominal, table, receptacle, len(context.goals))
         observer = StereoObserver(cell, context.perception, robot, settings)
         problems = MotionProblems(cell, robot, context.nominal, settings)
         runner = MotionRunner(problems, coordinator, context.planner)

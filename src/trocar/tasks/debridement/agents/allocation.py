@@ -48,7 +48,6 @@ class Allocation:
     workspace: Workspace  # what is known of the work surface
     T_world_table: SE3  # the work surface
     T_world_receptacle: SE3  # where the receptacle is
-    sides: dict[str, int]  # of every arm that takes part: +1 at +x, the left one; -1 the right one
     goals: int  # how many fragments are to be cleared
     claimed: dict[str, NDArray[np.float64]] = field(default_factory=dict)  # place of each arm's fragment
     busy: set[str] = field(default_factory=set)  # arms that are not done
@@ -82,15 +81,16 @@ class Allocation:
             self._full = 0
         return False
 
-    def choices(self, arm: str, fragments: Sequence[SeenFragment], apart_m: float, now_s: float) -> list[SeenFragment]:
-        """Return the fragments that an arm may take, the outermost on its side first (V-C.2).
+    def choices(
+        self, arm: str, side: int, fragments: Sequence[SeenFragment], apart_m: float, now_s: float
+    ) -> list[SeenFragment]:
+        """Return the fragments that an arm may take, the outermost on its side (+1 at +x, -1) first (V-C.2).
 
         Places where it failed recently come last; those to which it found no path are left to the other arm, if that is
         still working.
         """
         others = [place for name, place in self.claimed.items() if name != arm]
         free = [f for f in fragments if all(f.away_m(place) > apart_m for place in others)]
-        side = self.sides[arm]
         free.sort(key=lambda f: -side * float(f.p_world_m[0]))
         recent = [failure for failure in self.failures if now_s - failure.time_s < PATIENCE_S]
         if self.busy - {arm}:

@@ -40,7 +40,6 @@ class Debrider:
         self.arm, self.allocation, self.places = arm, allocation, arm.places
         self.coordinator = allocation.coordinator
         self.cell, self.name, self.s = arm.cell, arm.name, arm.s
-        self.side = allocation.sides[arm.name]
         self._began_s, self._in_a_row = 0.0, 0
         self._is_home = self._looked_again = False
 
@@ -80,7 +79,7 @@ class Debrider:
         except NoMotion as error:
             outcome, reason = FragmentOutcome.BLOCKED, str(error)
             await self.arm.jaw(self.s.open_rad)
-            await self._aside(self.places.hold(self.side, self.arm.turn_rad))
+            await self._aside(self.places.hold(self.arm.side, self.arm.turn_rad))
         self._in_a_row = 0 if outcome is FragmentOutcome.DONE else self._in_a_row + 1
         if outcome is not FragmentOutcome.DONE:
             blocked = outcome is FragmentOutcome.BLOCKED
@@ -112,8 +111,12 @@ class Debrider:
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
         seen, hidden = self.allocation.loose(observed.fragments), self.allocation.loose(observed.hidden)
         loose, now_s = [*seen, *hidden], self.cell.clock.now_s()
-        choices = [self.allocation.choices(self.name, part, self.s.apart_m, now_s) for part in (seen, hidden)]
-        for fragment in [*choices[0], *choices[1]]:
+        choices = [
+            choice
+            for part in (seen, hidden)
+            for choice in self.allocation.choices(self.name, self.arm.side, part, self.s.apart_m, now_s)
+        ]
+        for fragment in choices:
             others = [f for f in loose if f is not fragment]
             grasps = self.places.grasps(fragment, others, self.arm.model, self.arm.turn_rad)
             again = self.allocation.failures_at(fragment.p_world_m) % len(grasps)
@@ -196,11 +199,11 @@ class Debrider:
     async def _bring(self, lift_m: float = 0.0) -> None:
         """Go over the receptacle, first straight up by this height; the receptacle is then reserved for the arm."""
         if self.s.holds_first or not self.coordinator.try_reserve(self.name, RECEPTACLE):
-            await self.arm.go_to_one(self.places.hold(self.side, self.arm.turn_rad), lift_m)
+            await self.arm.go_to_one(self.places.hold(self.arm.side, self.arm.turn_rad), lift_m)
             with self.cell.log.span(self.name, "waiting"), self.coordinator.idle(self.name):
                 await self.coordinator.reserve(self.name, RECEPTACLE)
             lift_m = 0.0
-        await self.arm.go_to_one(self.places.drop(self.side, self.arm.turn_rad), lift_m)
+        await self.arm.go_to_one(self.places.drop(self.arm.side, self.arm.turn_rad), lift_m)
 
     async def _let_go(self) -> tuple[FragmentOutcome, str]:
         """Open the jaws over the receptacle, and shake off what clings to them."""
@@ -217,7 +220,7 @@ class Debrider:
     async def _home(self) -> None:
         """Move out of the other arm's way, if not there already."""
         if not self._is_home:
-            self._is_home = await self._aside(self.places.home(self.side, self.arm.turn_rad))
+            self._is_home = await self._aside(self.places.home(self.arm.side, self.arm.turn_rad))
 
     async def _aside(self, places: list[SE3]) -> bool:
         """Go to one of these places, if there is a path; return whether the arm is there."""

@@ -53,11 +53,6 @@ class NoMotion(MotionRefused):
         """Return whether the arm is estimated to be too close to something already."""
         return isinstance(self.cause, TooNear) and self.cause.at_start
 
-    @property
-    def at_another_arm(self) -> bool:
-        """Return whether it is another arm that is too close."""
-        return near_another_arm(self.arm, self.cause)
-
 
 def near_another_arm(arm: str, refusal: MotionRefused) -> bool:
     """Return whether a motion was refused because it comes too close to another arm."""

@@ -15,7 +15,7 @@ from trocar.errors import ArmStopped, NoPlan, OutOfReach
 from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
 from trocar.robots.concurrency import together
-from trocar.tasks.debridement.agents.motions import MotionRunner, NoMotion, TipGoal
+from trocar.tasks.debridement.agents.motions import MotionRunner, NoMotion, TipGoal, near_another_arm
 from trocar.tasks.debridement.agents.observer import StereoObserver
 from trocar.tasks.debridement.agents.places import Grasp, Places, raised
 from trocar.tasks.debridement.agents.settings import Settings
@@ -151,7 +151,7 @@ class RavenArm:
                 return await self.runner.step(self.name, goal)
             except NoMotion as error:
                 if error.begins_too_near:
-                    await self._withdraw(error.at_another_arm)
+                    await self._withdraw(near_another_arm(self.name, error.cause))
                     continue
                 if number == TRIES - 1 or (error.lasting and number >= FEW):
                     raise
