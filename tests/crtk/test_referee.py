@@ -49,7 +49,7 @@ def test_a_block_that_anybody_puts_on_its_target_counts_without_a_word_of_the_cl
     task = found.staged.laboratory.task
     record = found.staged.laboratory.record()
     truth, goal = task.truth(record), PegTransfer().goals()[0]
-    block = int(np.flatnonzero(truth.pegs()[-1] == goal.source)[0])
+    block = int(np.flatnonzero(truth.pegs[-1] == goal.source)[0])
     shift = truth.board.pegs_m[goal.target] - truth.board.pegs_m[goal.source]
     joint = next(
         world.model.joint(j)

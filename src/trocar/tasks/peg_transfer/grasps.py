@@ -246,6 +246,11 @@ def wrist_has_room(arm: ArmModel, q: NDArray[np.float64], max_roll_rad: float) -
     return abs(q[3]) <= max_roll_rad and all(j.lower + MARGIN_RAD <= v <= j.upper - MARGIN_RAD for j, v in wrist)
 
 
+def yaw_of(pose: SE3) -> float:
+    """Return the angle in rad about z from a frame's x axis to that of a pose in it: the yaw of a vertical tool."""
+    return float(np.arctan2(pose.matrix[1, 0], pose.matrix[0, 0]))
+
+
 def held_block(T_board_tip: SE3, T_board_block: SE3, block: Block) -> SE3:
     """Return ``T_tip_block`` after the jaws have closed, which centres the wall of the block between them."""
     matrix = (T_board_tip.inverse() @ T_board_block).matrix.copy()

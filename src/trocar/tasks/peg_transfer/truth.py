@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -46,11 +47,12 @@ class PegTruth:
     board: Pegboard
     block: Block
 
-    @property
+    @cached_property
     def held(self) -> NDArray[np.bool_]:
         """Return when each block was held by any arm (n, k)."""
         return np.any(list(self.held_by.values()), axis=0)
 
+    @cached_property
     def pegs(self) -> NDArray[np.intp]:
         """Return for each time and block (n, k) the peg round which it stands upright, -1 if there is none."""
         return pegs_under(self.T_board_blocks, self.board, self.block)
@@ -149,7 +151,7 @@ def told_transfers(goals: Sequence[Transfer], events: Sequence[Mapping[str, Any]
 
 def stays_of(truth: PegTruth, block: int) -> list[Stay]:
     """Return the stays of one block in order; a flicker does not end one."""
-    peg = truth.pegs()[:, block]
+    peg = truth.pegs[:, block]
     edges = np.flatnonzero(np.diff(peg)) + 1
     found: list[Stay] = []
     for rows in np.split(np.arange(len(peg)), edges):

@@ -128,5 +128,5 @@ def test_a_block_that_nobody_takes_is_put_back():
     lab, in_time, (score,) = played("handover", [GOAL], robot=stuck("psm1"))
     assert in_time and at_rest(lab)
     assert (score.succeeded, score.failure) == (False, TransferOutcome.NOT_GRASPED.name)
-    assert lab.truth().pegs()[-1, GOAL.source] == GOAL.source
+    assert lab.truth().pegs[-1, GOAL.source] == GOAL.source
     assert len(named(lab, "pick failed")) == SETTINGS.rounds * (1 + SETTINGS.retries)

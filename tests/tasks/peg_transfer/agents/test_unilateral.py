@@ -113,7 +113,7 @@ def test_a_last_look_says_which_blocks_lie_where_they_were_set_down(clean):
     lab, _, (_, score) = clean
     (check,) = named(lab, "check")
     assert score.target in check["pegs"] and not check["missing"]
-    assert score.target in lab.truth().pegs()[-1]
+    assert score.target in lab.truth().pegs[-1]
 
 
 def test_what_the_last_look_showed_is_noted_for_whoever_watches_where_it_is(clean):
@@ -122,7 +122,7 @@ def test_what_the_last_look_showed_is_noted_for_whoever_watches_where_it_is(clea
     seen = lab.log.sightings[name]
     assert seen.image is camera.taken[-1]
     rim_m = lab.session.T_world_camera[name].apply(seen.outlines_m[f"block on {score.target}"])
-    block = list(lab.truth().pegs()[-1]).index(score.target)
+    block = list(lab.truth().pegs[-1]).index(score.target)
     true_m = lab.recorder.arrays()[f"body_block{block}"][-1, :3]
     assert np.linalg.norm(rim_m.mean(0) - true_m) < 1e-3
 

@@ -219,7 +219,7 @@ def test_truth_is_told_in_the_boards_frame_wherever_the_board_is():
     assert truth.T_board_blocks.matrix.shape == (6, 2, 4, 4)
     off = truth.T_board_blocks.matrix - T_board_blocks.matrix
     assert np.abs(off[..., :3, 3]).max() < 0.2e-3 and np.abs(off[..., :3, :3]).max() < 0.01
-    assert truth.pegs().tolist() == [[1, 9]] * 6
+    assert truth.pegs.tolist() == [[1, 9]] * 6
     for arm, tips in truth.p_board_tips.items():
         driven = T_WORLD_BASE[arm] @ fk(ARM_MODELS[arm], lab.world.joints(arm))
         assert np.abs(T_world_board.apply(tips[-1]) - driven.translation_m).max() < 1e-9

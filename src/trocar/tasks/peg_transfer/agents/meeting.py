@@ -16,11 +16,10 @@ from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.robots.concurrency import first_of
 from trocar.tasks.peg_transfer.agents import Settings
-from trocar.tasks.peg_transfer.agents.motions import yaw_of
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
-from trocar.tasks.peg_transfer.grasps import YAWS_RAD, Grasp, vertical_grasps, wrist_has_room
+from trocar.tasks.peg_transfer.grasps import YAWS_RAD, Grasp, vertical_grasps, wrist_has_room, yaw_of
 from trocar.tasks.peg_transfer.shapes import Block
 
 ROOM_M = 2.4e-3

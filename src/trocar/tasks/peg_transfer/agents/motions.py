@@ -19,7 +19,7 @@ from trocar.robots.arm_script import ArmScript
 from trocar.robots.traffic import Departure
 from trocar.tasks.peg_transfer.agents.offset import TipOffset
 from trocar.tasks.peg_transfer.agents.table import Table
-from trocar.tasks.peg_transfer.grasps import Grasp, choose_place, held_block, hole_over
+from trocar.tasks.peg_transfer.grasps import Grasp, choose_place, held_block, hole_over, yaw_of
 from trocar.tasks.peg_transfer.shapes import Block
 from trocar.trajectory import Trajectory
 
@@ -287,11 +287,6 @@ def raised(T_board_tip: SE3, height_m: float) -> SE3:
 def turned_rad(T_board_a: SE3, T_board_b: SE3) -> float:
     """Return the angle between two poses' rotations."""
     return float(np.linalg.norm((T_board_a.rotation.inverse() @ T_board_b.rotation).log()))
-
-
-def yaw_of(T_board_tip: SE3) -> float:
-    """Return the yaw of a vertical tool about the board's z."""
-    return float(np.arctan2(T_board_tip.matrix[1, 0], T_board_tip.matrix[0, 0]))
 
 
 def _sides(block: Block) -> Capsules:

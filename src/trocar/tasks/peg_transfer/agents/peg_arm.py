@@ -145,7 +145,7 @@ class PegArm:
         await together(self.hand.exercise_wrist, partial(self.hand.zero_jaw, self.settings.jaw_closed_rad))
 
     async def go_to(
-        self, grasp: Grasp, source: int, ready: Approach | None = None, begun: Callable[[Approach], None] | None = None
+        self, grasp: Grasp, source: int, ready: Approach | None, begun: Callable[[Approach], None] | None
     ) -> bool:
         """Travel over the pegs, then down round the wall of a block with open jaws; False if no motion does it.
 

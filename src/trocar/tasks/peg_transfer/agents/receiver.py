@@ -14,11 +14,11 @@ from trocar.motion import TimedPath
 from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.meeting import ASIDE_M, HandoverState, Side
-from trocar.tasks.peg_transfer.agents.motions import Carriage, Joints, end_of, raised, starts_at, yaw_of
+from trocar.tasks.peg_transfer.agents.motions import Carriage, Joints, end_of, raised, starts_at
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, withdraw
 from trocar.tasks.peg_transfer.goals import TransferOutcome
-from trocar.tasks.peg_transfer.grasps import Grasp, held_block
+from trocar.tasks.peg_transfer.grasps import Grasp, held_block, yaw_of
 
 UPRIGHT = 0.999
 """Tools whose z has such a share along the board's are vertical."""

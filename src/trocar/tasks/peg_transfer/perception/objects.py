@@ -14,7 +14,7 @@ from trocar.eval.objects import WatchedObjects
 from trocar.geometry import SE3
 from trocar.perception.image import Image
 from trocar.tasks.peg_transfer.goals import PegSet, Transfer
-from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp
+from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp, yaw_of
 from trocar.tasks.peg_transfer.perception import depth_camera
 
 MOVED_M = 1e-3
@@ -76,12 +76,12 @@ class PegObjects(WatchedObjects):
             block, grasp = np.hstack([top, 0, 0]), np.hstack([top, 0, 0, 0])
             if goal.source in self._blocks:
                 pose = self._T_world_board @ self._blocks[goal.source]
-                yaw = 3 * _yaw(pose)
+                yaw = 3 * yaw_of(pose)
                 block = np.hstack([pose.translation_m, np.cos(yaw), np.sin(yaw)])
             if goal.source in self._grasps:
                 planned = self._grasps[goal.source][1]
                 pose = self._T_world_board @ planned.T_board_tip
-                yaw = _yaw(pose)
+                yaw = yaw_of(pose)
                 grasp = np.hstack([pose.translation_m, np.cos(yaw), np.sin(yaw), planned.jaw_rad])
             rows.append(np.hstack([block, grasp, target, float(number in self._done)]))
         return np.clip(np.hstack(rows), -1.0, 1.0)
@@ -127,7 +127,3 @@ class PegObjects(WatchedObjects):
         for number, goal in enumerate(self._goals):
             if goal.source in self._blocks and goal.source not in found.blocks and goal.target in found.blocks:
                 self._done.add(number)
-
-
-def _yaw(pose: SE3) -> float:
-    return float(np.arctan2(pose.matrix[1, 0], pose.matrix[0, 0]))
