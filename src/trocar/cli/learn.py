@@ -127,7 +127,7 @@ def demonstrations(
     from trocar.eval.study import Condition  # the simulator is heavy
     from trocar.eval.trial import Trial, trial_file
     from trocar.eval.trials import Trials
-    from trocar.learn.demonstrations import KIND
+    from trocar.learn.episode import DEMONSTRATION
     from trocar.learn.meta import LAYOUTS
 
     if failures not in (KEEP, DROP):
@@ -139,7 +139,7 @@ def demonstrations(
     usual = default_folder(f"demonstrations-{task.name}-{config.method}-{config.seed}", config.unusual)
     folder = (out or usual).absolute()
     condition = Condition("demonstrations", config, folder / "trials")
-    results, missing = worked(folder, [condition], KIND, False, jobs, backend, scheduler)
+    results, missing = worked(folder, [condition], DEMONSTRATION, False, jobs, backend, scheduler)
     rows = [row for one in results for row in one.rows]
     reached = sum(row.success for row in rows)
     places = [place for place in condition.places if trial_file(condition.folder, *place).is_file()]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import interp1d
 
 from trocar.errors import InvalidInput
+from trocar.eval.study import RowKind
 from trocar.eval.trial import Trial
 from trocar.eval.turns import turn_at, turns_of
 from trocar.geometry import SE3
@@ -165,6 +166,24 @@ def succeeded(trial: Trial) -> bool:
     """Return whether a trial came to its end and reached all goals that it attempted."""
     counts = [bool(score["succeeded"]) for score in trial.scores if score["attempted"]]
     return trial.finished and bool(counts) and all(counts)
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """What a study of demonstrations keeps of a trial: whose it is, whether it reached all its goals, its duration."""
+
+    fingerprint: str  # of its run
+    session: int
+    success: bool
+    duration_s: float
+
+
+def _demonstration(trial: Trial) -> Demonstration:
+    return Demonstration(trial.about["fingerprint"], trial.about["session"], succeeded(trial), trial.duration_s)
+
+
+DEMONSTRATION = RowKind(Demonstration, _demonstration)
+"""How a study of demonstrations reduces a trial."""
 
 
 def _numbered(words: Iterable[str]) -> tuple[list[str], NDArray[np.int64]]:
