@@ -81,6 +81,12 @@ def joints_at(path, t_s):
     return path.memory_at(t_s).joints(path.commands(t_s))
 
 
+def farthest_off(path):
+    """Return how far (6,) the model expects each joint from what was asked, at most."""
+    times = np.linspace(0.0, path.commands.duration_s, 60)
+    return np.abs(np.array([joints_at(path, t) for t in times]) - path.desired(times)).max(axis=0)
+
+
 def assert_within_limits(path, request):
     commands, limits = path.commands, request.limits
     use = limit_use(ARM, commands, limits)
@@ -358,7 +364,7 @@ def test_a_motion_that_was_planned_too_fast_is_slowed_down_and_not_cut(play, slo
     usual, slowed = driven.path(plan), driven.path(plan, limits=limits)
     assert_within_limits(slowed, driven.request(plan, limits=limits))
     assert usual.stretch < 1.2 and slowed.stretch == pytest.approx(slower, rel=0.2)
-    assert (slowed.deviation <= np.maximum(1.1 * usual.deviation, 2e-3)).all()
+    assert (farthest_off(slowed) <= np.maximum(1.1 * farthest_off(usual), 2e-3)).all()
 
 
 @pytest.mark.parametrize("name", ["ridge", "offset"])

@@ -149,6 +149,7 @@ def compensate(
     priors: Mapping[str, FleetPrior],
 ) -> None:
     """Let a laboratory's robot compensate its cables if there are models of them; it learns if there are priors."""
+
     def wrapped(cell: Cell) -> Compensated:
         given = cell.robot, cell.arms, models, cell.limits, cell.clock, cell.log
         if priors:
