@@ -206,12 +206,12 @@ def trial_in(folder: Path, session: int, number: int) -> Path:
         BadFile: the folder holds no trials, or not this one.
     """
     from trocar.eval.folder import where_runs_are
-    from trocar.eval.trial import trial_file, trial_files
+    from trocar.eval.trial import trial_file, trial_files, trial_place
 
     wanted = trial_file(folder, session, number)
     if wanted.is_file():
         return wanted
-    found = [f"--session {place[0]} --trial {place[1]}" for place in map(_place, trial_files(folder))]
+    found = [f"--session {place[0]} --trial {place[1]}" for place in map(trial_place, trial_files(folder))]
     if not found:
         if folder.is_file():
             raise BadFile(folder, "is a file", "give the folder of a run")
@@ -320,20 +320,13 @@ def export_episodes(trials: Sequence[Trial], strange: Sequence[str], out: Path, 
     return Result(summary, [line])
 
 
-def _place(trial: Path) -> tuple[int, int]:
-    """Return session and number of a trial's file: by name alone, session 100 would come before session 11."""
-    return int(trial.parent.name.removeprefix("session_")), int(trial.stem.removeprefix("trial_"))
-
-
 def _chosen(run: Path) -> tuple[Sequence[Trial], list[str]]:
     """Return the trials of a run's folder, or the one in a file, and a sentence for each that was left aside."""
     from trocar.eval.folder import load_trial, load_trials, still_to_do
-    from trocar.eval.trials import Trials
 
     if run.suffix == ".npz" and not run.is_dir():
         return [load_trial(run)], []
     if run.is_file():
         raise BadFile(run, "is not a trial", "give the folder of a run, or a file such as trial_000.npz")
     trials, strange = load_trials(run)
-    trials = Trials(sorted(trials.paths, key=_place))
     return trials, [*strange, *still_to_do(run, len(trials))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -240,9 +241,14 @@ def session_folder(folder: str | Path, session: int) -> Path:
     return Path(folder) / f"session_{session:02d}"
 
 
+def trial_place(path: Path) -> tuple[int, ...]:
+    """Return session and number of a trial's file."""
+    return tuple(int(number) for number in re.findall(r"\d+", f"{path.parent.name} {path.stem}"))
+
+
 def trial_files(folder: str | Path) -> list[Path]:
-    """Return the trials in a run's folder, in order."""
-    return sorted(Path(folder).glob("session_*/trial_*.npz"))
+    """Return the trials in a run's folder, in order of sessions: by name alone, 100 would come before 11."""
+    return sorted(Path(folder).glob("session_[0-9]*/trial_[0-9]*.npz"), key=trial_place)
 
 
 def _timing(path: Path) -> dict[str, Any]:

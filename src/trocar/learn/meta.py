@@ -258,10 +258,11 @@ Tasks: {"; ".join(tasks)}. Source: {source} ({"; ".join(from_where)}).
 
 ## Robot
 
-`{robot}`: arms that work through a remote centre of motion. `observation.state` is what the encoders read, `action`
-{actions} by the next frame: for each arm the tip's position (m), orientation
-(quaternion xyzw) and jaw (rad), in the world, by the base as it was registered. The cables err: the tip was not where
-the encoders say. Columns `truth.*`, if there are any, are a referee's; no policy may see them.
+`{robot}`: arms that work through a remote centre of motion. `observation.state` is what the encoders read, or
+what a model of the cables made of it where the run had one; `action` {actions} by the next
+frame: for each arm the tip's position (m), orientation (quaternion xyzw) and jaw (rad), in the world, by the base as
+it was registered. The cables err: the tip was not where the encoders say. Columns `truth.*`, if there are any, are a
+referee's; no policy may see them.
 
 ## Sensors
 

@@ -21,6 +21,8 @@ from trocar.learn.poses import WIDTH, action_names, state_names
 
 LATE = 0.5
 """A frame may be this share of the time between two frames early or late."""
+USUAL_CHUNK = 1000
+"""Episodes in a chunk where a data set does not say how many."""
 FIRST = re.compile(r"(\w+)_sp\.position\.x")
 CUT = "is no Parquet file that can be read: it may be cut"
 
@@ -101,13 +103,16 @@ def _info(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         raise BadFile(path, "is not readable JSON", "fetch the data set again") from None
     kinds = {"codebase_version": str, "fps": int | float, "total_episodes": int, "features": dict, "data_path": str}
-    for key, kind in kinds.items():
-        value = info.get(key) if isinstance(info, dict) else None
+    info = {"chunks_size": USUAL_CHUNK} | info if isinstance(info, dict) else {}
+    for key, kind in {**kinds, "chunks_size": int}.items():
+        value = info.get(key)
         if not isinstance(value, kind):
             raise BadFile(path, f"has no {key} that can be used ({value!r})", "fetch the data set again")
     if not info["codebase_version"].startswith(("v2.", "v3.")):
         problem = f"is of format {info['codebase_version']}, and v2.0 to v3.x can be read"
         raise BadFile(path, problem, "convert it with LeRobot")
+    if info["chunks_size"] < 1:
+        raise BadFile(path, f"says {info['chunks_size']} episodes in a chunk", "fetch the data set again")
     if not 0 < info["fps"] < 1e4:
         raise BadFile(path, f"says {info['fps']} frames a second", "correct it, or fetch the data set again")
     return info
@@ -115,8 +120,7 @@ def _info(folder: Path) -> dict[str, Any]:
 
 def _file_of(folder: Path, info: Mapping[str, Any], number: int) -> tuple[Path, int]:
     """Return the file of an episode's frames, and how many it should have."""
-    chunk = number // int(info.get("chunks_size", 1000))
-    place = {"episode_chunk": chunk, "episode_index": number}
+    place = {"episode_chunk": number // info["chunks_size"], "episode_index": number}
     if info["codebase_version"].startswith("v3"):
         wanted = ["episode_index", "length", "data/chunk_index", "data/file_index"]
         files = sorted((folder / "meta" / "episodes").rglob("*.parquet"))
@@ -134,10 +138,13 @@ def _file_of(folder: Path, info: Mapping[str, Any], number: int) -> tuple[Path, 
         raise BadFile(listed, f"does not list episode {number}", "fetch the data set again")
     try:
         path = folder / info["data_path"].format(**place)
-    except (KeyError, IndexError, ValueError):
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError):
         problem = f"has a data_path {info['data_path']!r} that names no file"
         raise BadFile(folder / "meta" / "info.json", problem, "fetch the data set again") from None
-    return path, int(rows[0]["length"])
+    length = rows[0].get("length")
+    if not isinstance(length, int):
+        raise BadFile(listed, f"says that episode {number} has {length!r} frames", "fetch the data set again")
+    return path, length
 
 
 def _parsed(line: str) -> dict[str, Any] | None:
@@ -199,6 +206,8 @@ def _names(folder: Path, info: Mapping[str, Any], key: str) -> list[str]:
         has = ", ".join(info["features"])
         raise BadFile(folder / "meta" / "info.json", f"lacks the feature {key!r} (it has {has})", "give another")
     names = feature.get("names") or []
+    if not isinstance(names, dict | list):
+        raise BadFile(folder / "meta" / "info.json", f"names the numbers of {key!r} {names!r}", "give another")
     parts = list(names.values()) if isinstance(names, dict) else list(names)
     return [str(name) for part in parts for name in (part if isinstance(part, list) else [part])]
 
