@@ -49,9 +49,9 @@ class Trials(Sequence[Trial]):
     def __repr__(self) -> str:
         if not self.paths:
             return "<no trials>"
-        first, sessions = self._notes[0], {trial.about["session"] for trial in self._notes}
+        first, sessions = self.notes[0], {trial.about["session"] for trial in self.notes}
         done, goals = (
-            sum(sum(bool(s[key]) for s in t.scores) for t in self._notes) for key in ("succeeded", "attempted")
+            sum(sum(bool(s[key]) for s in t.scores) for t in self.notes) for key in ("succeeded", "attempted")
         )
         what = " ".join(str(first.about[key]) for key in ("task", "variant", "method") if first.about[key])
         how_many = f"{counted(len(self), 'trial')} of {what} in {counted(len(sessions), 'session')}"
@@ -75,7 +75,8 @@ class Trials(Sequence[Trial]):
         return self._last[1]
 
     @cached_property
-    def _notes(self) -> list[Trial]:
+    def notes(self) -> list[Trial]:
+        """Return what :meth:`Trial.noted` keeps of each; arrays and images are not read."""
         return list(map(Trial.load_noted, self.paths))
 
     def only(self, path: str | Path) -> Trials:
@@ -99,7 +100,7 @@ class Trials(Sequence[Trial]):
                 "goal": number,
                 **score,
             }
-            for trial in self._notes
+            for trial in self.notes
             for number, score in enumerate(trial.scores)
         ]
 
@@ -122,13 +123,18 @@ class Trials(Sequence[Trial]):
         Raises:
             InvalidInput: there are no trials, or they met other sessions.
         """
-        return compared(self._notes, other._notes)
+        return compared(self.notes, other.notes)
 
 
 def sessions_met(trials: Sequence[Trial]) -> set[tuple[str, ...]]:
     """Return what the sessions that trials met are drawn from: those with the same number are the same if this is."""
     keys = ("task", "station_digest", "seed", "difficulty")
     return {tuple(map(str, map(trial.about.get, keys))) for trial in trials}
+
+
+def noted(trials: Sequence[Trial]) -> list[Trial]:
+    """Return what :meth:`Trial.noted` keeps of each of these trials."""
+    return trials.notes if isinstance(trials, Trials) else [trial.noted() for trial in trials]
 
 
 def compared(ours: Sequence[Trial], theirs: Sequence[Trial]) -> Comparison:

@@ -10,6 +10,7 @@ from pathlib import Path
 from trocar.eval import TASKS, Task, TaskReport
 from trocar.eval.folder import requested
 from trocar.eval.trial import Trial
+from trocar.eval.trials import noted
 from trocar.extras import how_to_install
 from trocar.files.output import make_folder, write_json
 from trocar.registry import loaded
@@ -62,8 +63,8 @@ def write_report(
     blind = first.on_robot  # nobody knows where bodies were, so there is nothing to photograph
     storyboard = [] if blind else _pictures(folder, trials, report)
     timechart = _chart(folder, first)
-    noted = [trial.noted() for trial in trials]
-    failed = failed_goals(noted, report)
+    notes = noted(trials)
+    failed = failed_goals(notes, report)
     shown = [] if blind else picked(failed, MOST_FAILED)
     failed_pictures = draw_failed(folder / "failed", trials, shown, report, can_photograph())
     if find_spec("viser") is not None:
@@ -73,7 +74,7 @@ def write_report(
     page = write_page(
         folder / "report.html",
         summary,
-        noted,
+        notes,
         report,
         failed=failed,
         failed_pictures=failed_pictures,
@@ -81,7 +82,7 @@ def write_report(
         timechart=timechart,
         notes=report.notes(trials),
         strange=strange,
-        command=command_of(first.about, *(requested(run) or _there(noted))),
+        command=command_of(first.about, *(requested(run) or _there(notes))),
     )
     drawn = [shown.path for shown in (*storyboard, *([timechart] if timechart else []), *failed_pictures)]
     return summary, [*files, *drawn, page]

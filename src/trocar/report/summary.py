@@ -12,6 +12,7 @@ from trocar.errors import InvalidInput
 from trocar.eval import TaskReport
 from trocar.eval.statistics import by_session, session_interval
 from trocar.eval.trial import Trial
+from trocar.eval.trials import noted
 from trocar.notebook import table
 from trocar.report.timechart import OTHER, parts_of
 
@@ -48,7 +49,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
         raise InvalidInput("there", "are no finished trials to summarise", "run some with `trocar run`")
     report = report or TaskReport()
     added = report.summary(trials)
-    trials = [trial.noted() for trial in trials]
+    trials = noted(trials)
     about, robot = trials[0].about, trials[0].on_robot
     attempted = [score for trial in trials for score in trial.scores if score["attempted"]]
     done, count = sum(bool(score["succeeded"]) for score in attempted), len(attempted)

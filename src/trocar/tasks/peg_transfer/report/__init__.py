@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from trocar.eval import PaperCount, PaperRow, TaskReport, in_words
 from trocar.eval.statistics import session_interval
+from trocar.eval.trials import noted
 from trocar.eval.turns import NEARLY_S, turns_of
 from trocar.geometry import SE3
 from trocar.replay import Viewpoint
@@ -191,7 +192,7 @@ class PegReport(TaskReport):
 
     def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
         """Return the paper's denominator, transfers whose block stood on its source; and what motion alone takes."""
-        floor_s = motion_floor_s(trials)  # first: the loop below holds on to its last trial
+        trials = noted(trials)
         done, available = Counter[int](), Counter[int]()
         for trial in trials:
             done[trial.about["session"]] += sum(bool(score["succeeded"]) for score in trial.scores)
@@ -201,7 +202,7 @@ class PegReport(TaskReport):
         return {
             "available": available.total(),
             "available_ci95": list(interval),
-            "motion_floor_s": floor_s,
+            "motion_floor_s": motion_floor_s(trials),
         }
 
     def paper_rows(self, summary: Mapping[str, Any]) -> Sequence[PaperRow]:
@@ -217,7 +218,7 @@ class PegReport(TaskReport):
     def notes(self, trials: Sequence[Trial]) -> list[str]:
         """Return how close the time is to motion alone, and which colours are changed."""
         painted = "blocks are amber and pegs pale in the pictures only; the camera sees all of it red"
-        return [floor_sentence(motion_floor_s(trials)), painted]
+        return [floor_sentence(motion_floor_s(noted(trials))), painted]
 
 
 def _first_transfer(trial: Trial) -> list[tuple[str, float]]:
