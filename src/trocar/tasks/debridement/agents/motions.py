@@ -196,7 +196,6 @@ class MotionRunner:
                     refusal = error
                 nursery.cancel_scope.cancel()
         if refusal is not None:
-            self._robot.learn(arm)  # it was to be planned from a fixed estimate, which ended with the motion
             self._cell.log.event("refused", arm=arm, reason=str(refusal))
             raise NoMotion(arm, refusal, lasting=not isinstance(refusal, TooNear))
         if result is None or result.done or isinstance(result.cause, StepEnded):
