@@ -102,9 +102,9 @@ class Driver:
         """Return the encoders' state as last read."""
         return self._arm(arm).reading
 
-    def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is commanded now."""
-        return self._arm(arm).executor.now(self._now_s())
+    def setpoint(self, arm: str, ahead_s: float = 0.0) -> SetPoint:
+        """Return what the arm is commanded now, or will be so much later if nothing else is asked of it."""
+        return self._arm(arm).executor.now(self._now_s() + ahead_s)
 
     def jaw_command_rad(self, arm: str) -> float:
         """Return the opening that the jaws are commanded to now."""
