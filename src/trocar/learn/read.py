@@ -99,11 +99,11 @@ def _info(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         raise BadFile(folder, "has no meta/info.json", "give the folder of a LeRobot data set", kind="folder")
     try:
-        info = read_json(path)
+        read = read_json(path)
     except (OSError, ValueError):
         raise BadFile(path, "is not readable JSON", "fetch the data set again") from None
     kinds = {"codebase_version": str, "fps": int | float, "total_episodes": int, "features": dict, "data_path": str}
-    info = {"chunks_size": USUAL_CHUNK} | info if isinstance(info, dict) else {}
+    info: dict[str, Any] = {"chunks_size": USUAL_CHUNK} | read if isinstance(read, dict) else {}
     for key, kind in {**kinds, "chunks_size": int}.items():
         value = info.get(key)
         if not isinstance(value, kind):
