@@ -38,7 +38,7 @@ END_WEIGHT_S = 1000.0  # weight of an error at the very end: that of the same er
 CORRECTIONS = 2  # corrections of the last command, tried where refinement stalls short of the end
 TOO_FAST = 1.1
 """A motion that is faster than the limits by less than this is not slowed down: its commands fall behind, by up to 3 mm
-at full acceleration, and catch up before its end. Ways that are corrected by looks are up to .05 too fast."""
+at full acceleration, and catch up before its end."""
 NEARLY_MET = 1e-3  # a motion that ends further from its goal than this (rad of the wrist) usually lacks time
 STRETCHES = (1.0, 1.05, 1.15, 1.3)  # factors tried in turn on the least time for the path to the last command
 LAST_STEP_S = 0.3
