@@ -67,7 +67,7 @@ def _run(words: list[str], folder: str, said: str, environment: dict[str, str]) 
 UNPICTURED = """
 from trocar.cli import main
 from trocar.report import files
-files._pictures = lambda *rest: ([], None)
+files._pictures, files._chart = lambda *rest: [], lambda *rest: None
 files.can_photograph = lambda: False
 files.find_spec = lambda module: None
 main()

@@ -59,6 +59,7 @@ def raven_arm(p, steps, name="left", observer=None):
     robot = SimpleNamespace(p=np.array(p), T_world_tip=lambda _: SE3.from_parts(translation_m=robot.p))
     arm = STATION.arms[name]
     cell = SimpleNamespace(arms={name: arm.model}, T_world_base_registered={name: arm.T_world_base})
+    cell.limits = STATION.limits
     cell.log, cell.clock = SimpleNamespace(span=lambda *_: nullcontext()), SimpleNamespace(sleep=trio.sleep)
     runner = Runner(robot, steps)
     runner.problems = SimpleNamespace(cell=cell, robot=robot)
