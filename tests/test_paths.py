@@ -33,8 +33,6 @@ from trocar.tasks.suture.planning.summary import plan_summary
 from trocar.tasks.suture.report.circle import draw_plan
 
 SOURCE = Path(__file__).parents[1] / "src" / "trocar"
-OF_PATHS_ALONE = {"trial_place"}
-"""A key by which the files that ``trial_files`` has found are sorted."""
 
 
 @cache
@@ -189,8 +187,6 @@ def public_functions():
 def test_every_public_function_takes_paths_as_texts_too():
     found = []
     for file, function in public_functions():
-        if function.name in OF_PATHS_ALONE:
-            continue
         for argument in (*function.args.args, *function.args.kwonlyargs):
             kind = "" if argument.annotation is None else ast.unparse(argument.annotation)
             if re.search(r"\bPath\b", kind) and not re.search(r"\bstr\b", kind):

@@ -74,6 +74,19 @@ def test_impossible_motion_limits_are_refused(bounds, says):
     assert MotionLimits([1, 2], [3, 4], [5, 6]).jerk.tolist() == [5, 6]
 
 
+def test_a_share_of_limits_is_one_of_each_and_slower_ones_are_those_of_the_same_path_later():
+    whole = MotionLimits([1, 2], [3, 4], [5, 6])
+    half, later = whole.scaled(0.5), whole.slowed(0.5)
+    assert [x.tolist() for x in (half.velocity, half.acceleration, half.jerk)] == [[0.5, 1], [1.5, 2], [2.5, 3]]
+    assert [x.tolist() for x in (later.velocity, later.acceleration, later.jerk)] == [
+        [0.5, 1],
+        [0.75, 1],
+        [0.625, 0.75],
+    ]
+    assert whole.scaled(1.0) is whole and whole.slowed(1.0) is whole
+    assert MotionLimits([1, 2], [3, 4]).scaled(0.5).jerk is None
+
+
 def test_nearly_parallel_axes_and_a_tip_on_the_jaws_axis_are_possible():
     assert replace(PSM_CLASSIC, twists_rad=(0.0, 1e-3, 1.5e-3), tip_length_m=0.0).twists_rad[1] == 1e-3
     with pytest.raises(TrocarError, match="shape"):

@@ -74,7 +74,7 @@ def test_a_name_that_is_taken_is_told_with_the_file(said, text, words):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("run {flag} my-task", "task 'my-task' is unknown; choose one of"),
+        ("run {flag} my-task", "task 'my-task' is unknown; choose one of debridement, peg-transfer, suture"),
         ("run peg-transfer {flag} --method mine", "peg-transfer method 'mine' is unknown; choose one of calibrated"),
         ("run peg-transfer {flag} --planner mine", "planner 'mine' is unknown; choose one of spline"),
         ("run peg-transfer {flag} --model mine", "cable model 'mine' is unknown; choose one of offset"),

@@ -91,6 +91,13 @@ class MotionLimits:
                 raise InvalidInput("motion limits", f"must be above 0, got {name} {value.tolist()}")
             object.__setattr__(self, name, value)
 
+    def scaled(self, share: float) -> MotionLimits:
+        """Return this share of each limit; itself if it is all of them."""
+        if share == 1.0:
+            return self
+        jerk = None if self.jerk is None else share * self.jerk
+        return MotionLimits(share * self.velocity, share * self.acceleration, jerk)
+
     def slowed(self, share: float) -> MotionLimits:
         """Return the limits with which the same paths take 1 / share times as long, share in (0, 1]."""
         if share == 1.0:

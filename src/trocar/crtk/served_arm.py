@@ -11,7 +11,7 @@ import numpy as np
 import trio
 from numpy.typing import NDArray
 
-from trocar.arms import ArmModel, MotionLimits, ik, limit_violations
+from trocar.arms import ArmModel, ik, limit_violations
 from trocar.crtk.bus import Bus, Subscriber
 from trocar.crtk.convert import seconds, transform_of
 from trocar.crtk.messages import (
@@ -159,7 +159,7 @@ class ServedArm:
             self._stream(now.q, goal, message.header.stamp)
         else:
             self._streamed.clear()
-            scaled = MotionLimits(self._ratio * self._limits.velocity, self._ratio * self._limits.acceleration)
+            scaled = self._limits.scaled(self._ratio)
             limits = scaled if np.all(np.abs(now.velocity) < scaled.velocity) else self._limits
             if wrong := limit_violations(self._model, goal):
                 raise InvalidInput("the goal", f"is out of range: {'; '.join(wrong)}", "give one inside")

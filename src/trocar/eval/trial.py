@@ -241,9 +241,9 @@ def session_folder(folder: str | Path, session: int) -> Path:
     return Path(folder) / f"session_{session:02d}"
 
 
-def trial_place(path: Path) -> tuple[int, ...]:
+def trial_place(path: str | Path) -> tuple[int, ...]:
     """Return session and number of a trial's file."""
-    return tuple(int(number) for number in re.findall(r"\d+", f"{path.parent.name} {path.stem}"))
+    return tuple(int(number) for number in re.findall(r"\d+", "/".join(Path(path).parts[-2:])))
 
 
 def trial_files(folder: str | Path) -> list[Path]:

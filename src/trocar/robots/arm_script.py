@@ -49,8 +49,7 @@ class ArmScript:
     @property
     def limits(self) -> MotionLimits:
         """Return the limits of velocity and acceleration if only start and end of a motion are given."""
-        limits, share = self.cell.limits[self.name], self.limits_share
-        return limits if share == 1.0 else MotionLimits(share * limits.velocity, share * limits.acceleration)
+        return self.cell.limits[self.name].scaled(self.limits_share)
 
     @property
     def q(self) -> Array:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import trio
 
-from trocar.arms import MotionLimits, fk, ik
+from trocar.arms import fk, ik
 from trocar.cell import Cell
 from trocar.errors import AlreadyThere, ArmStopped, MotionRefused, TooNear
 from trocar.geometry import SE3
@@ -118,8 +118,7 @@ class MotionProblems:
 
     def _motion(self, name: str, goal: TipGoal) -> ArmMotion:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
-        q, share, most = self.robot.setpoint(name).q, self.settings.limits_share, self.cell.limits[name]
-        limits = MotionLimits(share * most.velocity, share * most.acceleration)
+        q, limits = self.robot.setpoint(name).q, self.cell.limits[name].scaled(self.settings.limits_share)
         through = () if goal.T_world_through is None else (goal.T_world_through,)
         T_world_goals = SE3.unchecked(np.stack([T.matrix for T in (*through, goal.T_world_tip)]))
         T_world_camera = self.cell.T_world_camera_registered[CAMERA]
