@@ -139,11 +139,11 @@ class Bench:
         rows = robot.record.rows(first)
         near = (rows[:, 0] > at_s + ANSWERED_S[0]) & (rows[:, 0] < at_s + ANSWERED_S[1])
         moving = bool(rows[near, 2 + 6 * TICK_SERVOS :].any())
-        self._client_out = None
-        if kind == "script killed":
+        self._client_out, trial = None, trial_file(out, 0, 0)
+        if kind == "script killed" and not trial.is_file():
             self._client_out = out  # the next try is the same command again
-        elif found.started or not client.code:
-            self._judge(found, trial_file(out, 0, 0), client, done, moving)
+        elif found.started or not client.code:  # a trial that a fault had ended before the kill is whole, and not redone
+            self._judge(found, trial, client, done, moving)
         found.wrong += [f"half-written: {path}" for path in out.rglob("*.part*")]
         if not done.robot_is_well or found.wrong:
             self.end()
@@ -154,7 +154,7 @@ class Bench:
     def _judge(self, found: Try, path: Path, client: Process, done: Done, moving: bool) -> None:
         """Look at the client's trial."""
         kind = KINDS[found.kind]
-        if client.code != 0:
+        if client.code != 0 and found.kind != "script killed":
             found.wrong.append(f"the client's exit code is {client.code}")
         try:
             trial = Trial.load(path)
