@@ -142,7 +142,9 @@ class Bench:
         self._client_out, trial = None, trial_file(out, 0, 0)
         if kind == "script killed" and not trial.is_file():
             self._client_out = out  # the next try is the same command again
-        elif found.started or not client.code:  # a trial that a fault had ended before the kill is whole, and not redone
+        elif (
+            found.started or not client.code
+        ):  # a trial that a fault had ended before the kill is whole, and not redone
             self._judge(found, trial, client, done, moving)
         found.wrong += [f"half-written: {path}" for path in out.rglob("*.part*")]
         if not done.robot_is_well or found.wrong:

@@ -1,8 +1,10 @@
 """What a policy would observe, noted beside a script and in an environment, against what truly lies there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trocar.errors import InvalidInput, UnknownName
 from trocar.eval.config import RunConfig
@@ -14,6 +16,7 @@ from trocar.learn.environment import CellEnv
 from trocar.learn.episode import OBJECTS, STATE, episode_of
 from trocar.learn.poses import vectors
 from trocar.registry import load_plugin
+from trocar.tasks.debridement.perception.fragments import SeenFragment
 from trocar.tasks.peg_transfer.shapes import Pegboard
 
 SLACK_M = 1e-3
@@ -117,6 +120,26 @@ def test_fragments_keep_their_numbers_and_are_where_they_truly_lie():
     assert found[:, 5].all() and np.abs(found - first.reshape(4, -1))[:, :3].max() < SLACK_M
     off = np.linalg.norm(found[:, None, :2] - true[None, :, :2], axis=-1)
     assert sorted(off.argmin(axis=1)) == [0, 1, 2, 3] and off.min(axis=1).max() < 4e-3, "the camera's pose errs"
+    env.close()
+
+
+def test_a_fragment_that_was_carried_away_is_known_where_it_lies_now():
+    env = CellEnv("debridement", observation="objects", budget_s=3.0, fragments=3)
+    objects = env._observation.objects
+    assert objects is not None
+    one = SeenFragment(np.zeros(3), np.array([8e-3, 4e-3]), 0.0, 2e-3, 50)
+    lying = [replace(one, p_world_m=np.array([x, 0.0, 0.0])) for x in (-0.04, 0.0, 0.04)]
+    carried = replace(one, p_world_m=np.array([0.0, 0.06, 0.0]))
+    objects.take(lying)
+    objects.take([lying[0], lying[2]])
+    assert_array_equal(objects.values.reshape(3, -1)[:, 5], [1, 0, 1], "held, or hidden")
+    objects.take([lying[0], lying[2], carried])
+    found = objects.values.reshape(3, -1)
+    assert_allclose(found[:, :2], [[-0.04, 0.0], [0.0, 0.06], [0.04, 0.0]])
+    assert found[:, 5].all()
+    objects.take([carried])  # the others are in a receptacle
+    objects.take([replace(one, p_world_m=np.array([0.05, 0.06, 0.0]))])
+    assert_allclose(objects.values.reshape(3, -1)[1, :2], [0.05, 0.06])
     env.close()
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from trocar.cell import Cell
 from trocar.eval.objects import WatchedObjects
@@ -20,7 +21,10 @@ _OF_FRAGMENT = (*(f"position.{axis}" for axis in "xyz"), "cos_2yaw", "sin_2yaw",
 
 
 class DebridementObjects(WatchedObjects):
-    """Each fragment in the world, as last seen; which number a fragment has never changes.
+    """Each fragment in the world, as last seen; it keeps its number while it lies where it is.
+
+    One that was carried takes the number that is not in view, of several the one of the nearest place: its own, unless
+    another one was hidden meanwhile.
 
     Of a fragment: its middle (m), cosine and sine of twice the yaw of its long side, since both its ends are alike, and
     whether the last look showed it. All are 0 before it has been seen.
@@ -55,7 +59,7 @@ class DebridementObjects(WatchedObjects):
         return self._see.fragments(image, self.T_world_camera, self.cell.T_world_fixture["table"], self.cell.arms)
 
     def take(self, found: Sequence[SeenFragment]) -> None:
-        """Give each fragment that is seen the number that it has, or a new one."""
+        """Give each fragment that is seen the number that it has, a new one, or, if all are given, one not in view."""
         self._in_view = set()
         left = sorted(found, key=lambda one: one.p_world_m[0])
         pairs = [(one.away_m(k.p_world_m), i, j) for i, one in enumerate(left) for j, k in enumerate(self._known)]
@@ -65,7 +69,13 @@ class DebridementObjects(WatchedObjects):
                 self._known[j] = left[i]
                 given.add(i)
                 self._in_view.add(j)
-        for i, one in enumerate(left):
-            if i not in given and len(self._known) < self._most:
-                self._in_view.add(len(self._known))
-                self._known.append(one)
+        news = [one for i, one in enumerate(left) if i not in given]
+        free = self._most - len(self._known)
+        self._in_view |= set(range(len(self._known), len(self._known) + len(news[:free])))
+        self._known += news[:free]
+        carried, missing = news[free:], [j for j in range(self._most) if j not in self._in_view]
+        if carried and missing:
+            away = [[one.away_m(self._known[j].p_world_m) for j in missing] for one in carried]
+            for i, j in zip(*linear_sum_assignment(away), strict=True):
+                self._known[missing[j]] = carried[i]
+                self._in_view.add(missing[j])
