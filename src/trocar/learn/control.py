@@ -47,6 +47,14 @@ class Answer:
     refused: dict[str, str] = field(default_factory=dict)
 
 
+def require_actions(action: str, rate_hz: float) -> None:
+    """Raise UnknownName or InvalidValue if there are no such actions, or not at this rate."""
+    if action not in ACTIONS:
+        raise UnknownName("action", action, ACTIONS)
+    if not 1.0 <= rate_hz <= 1 / TICK_S:
+        raise InvalidValue("the rate of actions", f"{rate_hz} Hz", f"give 1 to {1 / TICK_S:.0f}")
+
+
 class Control:
     """Arms that are given actions at a fixed rate.
 
@@ -66,10 +74,7 @@ class Control:
     """
 
     def __init__(self, cell: Cell, arms: Sequence[str], action: str, rate_hz: float = 30.0):
-        if action not in ACTIONS:
-            raise UnknownName("action", action, ACTIONS)
-        if not 1.0 <= rate_hz <= 1 / TICK_S:
-            raise InvalidValue("the rate of actions", f"{rate_hz} Hz", f"give 1 to {1 / TICK_S:.0f}")
+        require_actions(action, rate_hz)
         self._cell, self.arms, self._kind, self._rate_hz = cell, tuple(arms), action, rate_hz
         self.names = _action_names(self.arms, action, cell)
         bounds = [_bounds(cell, arm, action, rate_hz) for arm in self.arms]

@@ -32,6 +32,7 @@ from trocar.learn.control import (
     Control,
     image_shape,
     observation_bounds,
+    require_actions,
 )
 from trocar.learn.observed import Observation
 from trocar.registry import load_plugin
@@ -116,6 +117,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
                 raise UnknownName("observation", name, OBSERVATIONS)
         if reward not in REWARDS:
             raise UnknownName("reward", reward, REWARDS)
+        require_actions(action, rate_hz)  # before cables are fitted
         kind = TASKS.pick(task)
         self.config = RunConfig(
             _task(kind, options),
