@@ -19,7 +19,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import SubprocVecEnv
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
 
 import trocar.learn.envs
 from trocar.eval import TASKS
@@ -28,6 +28,7 @@ from trocar.learn.environment import REWARDS
 from trocar.registry import load_plugin
 
 PLUGIN = str(Path(__file__).parent / "reach.py")
+GAMMA = 0.95
 
 
 def made(seed: int) -> Callable[[], gymnasium.Env]:
@@ -82,14 +83,14 @@ def check() -> None:
             print(f"{task} {how}: passed", flush=True)
 
 
-def touched(model: SAC, episodes: int) -> float:
-    """Return the share of new episodes in which the ball was touched."""
+def touched(model: SAC, scaled: VecNormalize, episodes: int) -> float:
+    """Return the share of new episodes in which the ball was touched; it sees what was scaled as in learning."""
     env, done = made(99)(), 0
     for episode in range(episodes):
         seen, info = env.reset(seed=1000 + episode)
         over = False
         while not over:
-            action, _ = model.predict(seen, deterministic=True)
+            action, _ = model.predict(scaled.normalize_obs(seen), deterministic=True)
             seen, _, terminated, truncated, info = env.step(action)
             over = terminated or truncated
         done += info["score"] == 1.0
@@ -107,15 +108,22 @@ def main() -> None:
     if given.check:
         check()
         return
-    env = SubprocVecEnv([made(seed) for seed in range(2)])
+    env = VecNormalize(SubprocVecEnv([made(seed) for seed in range(2)]), gamma=GAMMA)  # metres are small numbers
     model = SAC(
-        "MultiInputPolicy", env, seed=0, gamma=0.95, learning_starts=600, train_freq=2, gradient_steps=2, batch_size=256
+        "MultiInputPolicy",
+        env,
+        seed=0,
+        gamma=GAMMA,
+        learning_starts=600,
+        train_freq=2,
+        gradient_steps=2,
+        batch_size=256,
     )
     began = time.monotonic()
     model.learn(10_000_000, callback=Clock(given.minutes))
-    env.close()
     minutes = (time.monotonic() - began) / 60
-    share = touched(model, given.episodes)
+    env.close()
+    share = touched(model, env, given.episodes)
     print(f"{model.num_timesteps} steps in {minutes:.1f} minutes: {100 * share:.0f} % of {given.episodes} new episodes")
     assert np.isfinite(share)
 

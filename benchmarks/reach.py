@@ -1,4 +1,4 @@
-"""A task for learners: touch one ball, which the camera finds. It is the own task of ``examples/`` with what they see.
+"""A task for learners: touch a ball in the air, which the camera finds. It is the own task of ``examples/``, with one.
 
 trocar run reach --plugin benchmarks/reach.py --trials 2
 """
@@ -15,9 +15,13 @@ import numpy as np
 
 from trocar.cell import Cell
 from trocar.eval import TASKS
+from trocar.lab import Station
 
 sys.path.append(str(Path(__file__).parents[1] / "examples"))
 import own_task  # registers a task
+
+PLACES_M = np.array([[0.0, -0.02, 0.03], [0.06, 0.04, 0.07]])
+"""Corners, in the world, of the box in which a ball is; the arm begins over one of its ends."""
 
 
 class BallWorld(own_task.BallWorld):
@@ -38,9 +42,9 @@ class BallObjects:
         self.values = np.zeros(3 * len(goals))
 
     async def watch(self) -> None:
-        """Look twice a second."""
+        """Look twice a second until all were seen; they stay where they are."""
         name = next(iter(self.cell.cameras))
-        while True:
+        while not self.values.all():
             image = await self.cell.cameras[name].capture()
             for number, colour in enumerate(self.goals):
                 seen = self.see.find(image, colour)
@@ -52,10 +56,14 @@ class BallObjects:
 
 @dataclass(frozen=True)
 class Reach(own_task.TouchBalls):
-    """One ball on a table."""
+    """One ball in the air, where an arm gets without turning its wrist."""
 
     balls: int = 1
-    name, about, objects = "reach", "one ball, touched where the camera finds it", BallObjects
+    name, about, objects = "reach", "a ball in the air, touched where the camera finds it", BallObjects
+
+    def scene(self, rng: np.random.Generator, station: Station) -> own_task.BallScene:
+        """Return a ball somewhere over the table."""
+        return own_task.BallScene(rng.uniform(*PLACES_M, (self.balls, 3)))
 
     def world(self, scene: own_task.BallScene) -> BallWorld:
         """Return table, ball and referee."""

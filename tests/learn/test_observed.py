@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from trocar.errors import InvalidInput, UnknownName
 from trocar.eval.config import RunConfig
 from trocar.eval.method import make_task
+from trocar.eval.objects import WatchedObjects
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
 from trocar.eval.task import TASKS
@@ -140,6 +141,19 @@ def test_a_fragment_that_was_carried_away_is_known_where_it_lies_now():
     objects.take([carried])  # the others are in a receptacle
     objects.take([replace(one, p_world_m=np.array([0.05, 0.06, 0.0]))])
     assert_allclose(objects.values.reshape(3, -1)[1, :2], [0.05, 0.06])
+    env.close()
+
+
+def test_an_episode_lasts_until_its_budget_where_nothing_is_looked_at_any_more(monkeypatch):
+    async def watch(self):
+        """Everything is seen."""
+
+    monkeypatch.setattr(WatchedObjects, "watch", watch)
+    env = CellEnv("peg-transfer", observation=("state", "objects"), transfers=1, budget_s=0.2)
+    env.reset(seed=1)
+    still = np.clip(env._control.observe()["joints"], env.action_space.low, env.action_space.high)
+    ends = [env.step(still)[3] for _ in range(6)]
+    assert ends == [False] * 5 + [True]
     env.close()
 
 
