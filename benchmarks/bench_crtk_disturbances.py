@@ -139,12 +139,10 @@ class Bench:
         rows = robot.record.rows(first)
         near = (rows[:, 0] > at_s + ANSWERED_S[0]) & (rows[:, 0] < at_s + ANSWERED_S[1])
         moving = bool(rows[near, 2 + 6 * TICK_SERVOS :].any())
-        self._client_out, trial = None, trial_file(out, 0, 0)
-        if kind == "script killed" and not trial.is_file():
-            self._client_out = out  # the next try is the same command again
-        elif (
-            found.started or not client.code
-        ):  # a trial that a fault had ended before the kill is whole, and not redone
+        trial = trial_file(out, 0, 0)
+        cut_off = kind == "script killed" and not trial.is_file()  # a trial that a fault had ended before is whole
+        self._client_out = out if cut_off else None  # the next try is the same command again
+        if not cut_off and (found.started or not client.code):
             self._judge(found, trial, client, done, moving)
         found.wrong += [f"half-written: {path}" for path in out.rglob("*.part*")]
         if not done.robot_is_well or found.wrong:

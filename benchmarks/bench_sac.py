@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
-import numpy as np
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_checker import check_env
@@ -125,7 +124,6 @@ def main() -> None:
     env.close()
     share = touched(model, env, given.episodes)
     print(f"{model.num_timesteps} steps in {minutes:.1f} minutes: {100 * share:.0f} % of {given.episodes} new episodes")
-    assert np.isfinite(share)
 
 
 if __name__ == "__main__":

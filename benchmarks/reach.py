@@ -21,7 +21,7 @@ sys.path.append(str(Path(__file__).parents[1] / "examples"))
 import own_task  # registers a task
 
 PLACES_M = np.array([[0.0, -0.02, 0.03], [0.06, 0.04, 0.07]])
-"""Corners, in the world, of the box in which a ball is; the arm begins over one of its ends."""
+"""Corners, in the world, of the box in which a ball is; the tip begins at (85, 45, 80) mm (assumed)."""
 
 
 class BallWorld(own_task.BallWorld):
@@ -56,7 +56,7 @@ class BallObjects:
 
 @dataclass(frozen=True)
 class Reach(own_task.TouchBalls):
-    """One ball in the air, where an arm gets without turning its wrist."""
+    """One ball in the air, where the arm gets without turning its tool."""
 
     balls: int = 1
     name, about, objects = "reach", "a ball in the air, touched where the camera finds it", BallObjects

@@ -28,8 +28,11 @@ def bench(tmp_path_factory):
 
 
 def test_a_killed_script_leaves_arms_at_rest_and_the_same_command_goes_on(bench):
-    found = bench.attempt(0, "script killed")
-    assert not found.wrong and found.acceleration <= MOST_RATIO
+    for number in (0, 10, 20):  # on a busy machine a fault may have ended the trial before: then there is none to redo
+        found = bench.attempt(number, "script killed")
+        assert not found.wrong and found.acceleration <= MOST_RATIO
+        if not found.ended:
+            break
     after = bench.attempt(1, "loop killed")
     assert not after.wrong and after.faults and after.ended == "FAULT"
 

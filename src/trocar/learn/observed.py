@@ -55,7 +55,7 @@ class Observation:
                 nursery.start_soon(self.eyes.watch)
             if self.objects is not None:
                 nursery.start_soon(self.objects.watch)
-            await trio.sleep_forever()  # a stepped cell lasts as long as this script; objects may have been seen all
+            await trio.sleep_forever()  # a stepped cell lasts as long as this script; all objects may have been seen
 
     def now(self) -> dict[str, NDArray[Any]]:
         """Return the observation of this moment."""
