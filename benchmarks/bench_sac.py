@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_checker import check_env
@@ -27,11 +28,24 @@ from trocar.learn.environment import REWARDS
 from trocar.registry import load_plugin
 
 PLUGIN = str(Path(__file__).parent / "reach.py")
-GAMMA = 0.95
+GAMMA = 0.9
+
+
+class Straight(gymnasium.ActionWrapper):
+    """Increments of the tip's position, each from -1 to 1: the tool keeps its orientation, the jaws stay closed."""
+
+    def __init__(self, env: gymnasium.Env):
+        super().__init__(env)
+        self.most: np.ndarray = env.action_space.high  # type: ignore[attr-defined]
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float32)
+
+    def action(self, action: np.ndarray) -> np.ndarray:
+        """Return the seven numbers of an action."""
+        return np.append(action * self.most[:3], np.zeros(4)).astype(np.float32)
 
 
 def made(seed: int) -> Callable[[], gymnasium.Env]:
-    """Return what makes the environment: one ball, four seconds, increments of the tip."""
+    """Return what makes the environment: one ball, four seconds, ten increments of the tip a second."""
 
     def make() -> gymnasium.Env:
         load_plugin(PLUGIN)  # in each process
@@ -39,6 +53,7 @@ def made(seed: int) -> Callable[[], gymnasium.Env]:
             trocar.learn.envs.environment_id("reach"),
             budget_s=4.0,
             action="cartesian",
+            rate_hz=10.0,
             observation=("state", "objects"),
             reward="dense",
             calibrated=True,
@@ -46,7 +61,7 @@ def made(seed: int) -> Callable[[], gymnasium.Env]:
             seed=seed,
         )
         env = gymnasium.wrappers.FilterObservation(env, ["state", "objects", "time_s"])
-        return Monitor(gymnasium.wrappers.RescaleAction(env, -1.0, 1.0))
+        return Monitor(Straight(env))
 
     return make
 

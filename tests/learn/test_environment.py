@@ -125,6 +125,27 @@ def test_an_arm_goes_where_its_actions_say_and_is_slowed_where_it_cannot(peg):
     assert np.allclose(seen["joints"][:6], goal[:6], atol=1e-4)
 
 
+def test_increments_that_are_too_fast_do_not_turn_the_arm():
+    env = CellEnv("peg-transfer", action="cartesian", **ONE)
+    seen, _ = env.reset(seed=1)
+    arm, cell, jaw_rad = env.config.arms[0], env._laboratory.cell, float(seen["state"][-1])
+
+    def turn():
+        return fk(cell.arms[arm], cell.robot.setpoint(arm).q).rotation
+
+    for _ in range(20):  # a tilt, so that the wrist does not just undo what the outer joints do
+        env.step(np.array([0, 0, 0, 0.01, 0.015, 0.01, jaw_rad]))
+    for _ in range(3):
+        env.step(np.array([0, 0, 0, 0, 0, 0, jaw_rad]))
+    tilted, fast = turn(), env.action_space.high[:3]
+    for there in [-1] * 6 + [1] * 6 + [0] * 8:
+        info = env.step(np.array([*(there * fast), 0, 0, 0, jaw_rad]))[-1]
+        slowed = info["slowed"] or there == 0
+        assert slowed and not info["refused"]
+        assert np.degrees(np.linalg.norm((turn() @ tilted.inverse()).log())) < 0.5
+    env.close()
+
+
 def test_the_budget_truncates_and_nothing_follows(peg):
     peg.reset(seed=0)
     action, truncated, steps = peg._control.observe()["joints"].astype(np.float64), False, 0

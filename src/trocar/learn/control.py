@@ -9,7 +9,7 @@ import numpy as np
 import trio
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.arms import fk, ik
+from trocar.arms import MotionLimits, fk, ik
 from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput, InvalidValue, MotionRefused, OutOfReach, UnknownName
 from trocar.geometry import SE3, SO3
@@ -159,15 +159,19 @@ class Control:
         try:
             goal = np.clip(self._goal(arm, part), model.lower, model.upper)
             velocity = np.clip(now.velocity, -limits.velocity, limits.velocity)
-            moves = (goal - before) / period_s
-            motion = step_towards(goal, moves, now.q, velocity, limits, period_s)
-            asked = (goal - now.q) / period_s - velocity / 2  # of the B-spline that follows
+            point = now.q + velocity * period_s / 2  # of the B-spline that follows the goals
+            asked, moves = (goal - point) / period_s, (goal - before) / period_s
             shares = np.abs(asked) / limits.velocity, np.abs(asked - velocity) / (limits.acceleration * period_s)
-            self._goals[arm] = goal
             factor = float(np.max(shares))
+            if self._kind == CARTESIAN:
+                moves = slowed_together(asked, velocity, limits, period_s)
+                goal = point + moves * period_s
+            motion = step_towards(goal, moves, now.q, velocity, limits, period_s)
+            self._goals[arm] = goal
             if factor > 1.0 + 1e-6:
                 answer.slowed[arm] = round(factor, 3)
-                self._goals[arm] = motion(motion.times_s[-1])  # increments do not pile up
+                if self._kind != CARTESIAN:
+                    self._goals[arm] = motion(motion.times_s[-1])
             robot = self._cell.robot
             await (
                 robot.follow({arm: motion}, period_s)
@@ -192,6 +196,25 @@ class Control:
         else:
             wanted = SE3.from_parts(SO3.from_quaternion(part[[6, 3, 4, 5]]), part[:3])
         return ik(model, T_world_base.inverse() @ wanted, near)
+
+
+def slowed_together(
+    asked: NDArray[np.float64], velocity: NDArray[np.float64], limits: MotionLimits, period_s: float
+) -> NDArray[np.float64]:
+    """Return the velocity (joints,) after a period, within limits, on the way from the present one to the asked one.
+
+    All joints are slowed by the same factor, so that a tip that is to keep its orientation, or its line, nearly does:
+    the Jacobian times a mean of two joint velocities is the mean of the tip's.
+
+    Args:
+        asked: (joints,) velocity.
+        velocity: (joints,) now, within limits.
+        limits: of the arm.
+        period_s: until another velocity is asked for.
+    """
+    asked = asked / max(1.0, float((np.abs(asked) / limits.velocity).max()))
+    change = asked - velocity
+    return velocity + change / max(1.0, float((np.abs(change) / (limits.acceleration * period_s)).max()))
 
 
 def observation_bounds(cell: Cell, arms: Sequence[str]) -> dict[str, tuple[NDArray, NDArray, list[str]]]:
