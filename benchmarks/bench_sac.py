@@ -129,8 +129,8 @@ def main() -> None:
         seed=0,
         gamma=GAMMA,
         learning_starts=600,
-        train_freq=2,
-        gradient_steps=2,
+        train_freq=1,
+        gradient_steps=-1,  # one for each step of an environment
         batch_size=256,
     )
     began = time.monotonic()

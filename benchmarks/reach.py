@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,16 @@ import numpy as np
 from trocar.cell import Cell
 from trocar.eval import TASKS
 from trocar.lab import Station
+from trocar.perception.depth import project
+from trocar.perception.image import Window
 
 sys.path.append(str(Path(__file__).parents[1] / "examples"))
 import own_task  # registers a task
 
 PLACES_M = np.array([[0.0, -0.02, 0.03], [0.06, 0.04, 0.07]])
 """Corners, in the world, of the box in which a ball is; the tip begins at (85, 45, 80) mm (assumed)."""
+MARGIN_PX = 20
+"""Of the part of the image that is looked at, about what is seen of that box."""
 
 
 class BallWorld(own_task.BallWorld):
@@ -43,9 +48,13 @@ class BallObjects:
 
     async def watch(self) -> None:
         """Look twice a second until all were seen; they stay where they are."""
-        name = next(iter(self.cell.cameras))
+        name, camera = next(iter(self.cell.cameras.items()))
+        corners = self.cell.T_world_camera_registered[name].inverse().apply(np.array(list(product(*PLACES_M.T))))
+        seen_px = project(camera.model, corners)
+        low, high = (edge.astype(int) for edge in (seen_px.min(0) - MARGIN_PX, seen_px.max(0) + MARGIN_PX))
+        window = Window(tuple(low.tolist()), tuple((high - low).tolist()))  # rendering all of it would take a second
         while not self.values.all():
-            image = await self.cell.cameras[name].capture()
+            image = await camera.capture(window)
             for number, colour in enumerate(self.goals):
                 seen = self.see.find(image, colour)
                 if seen is not None:
