@@ -1,10 +1,9 @@
 """What cables do to learned policies, and what calibration gives back: one transfer, scored by the referee.
 
 Scores scripts and policies on new sessions, with raw cables and above compensated ones, at two difficulties; prints the
-table and draws the picture of ``docs/learning.md``. Policies lie in folders below POLICIES: ``mlp-raw``,
-``mlp-calibrated`` and, from episodes that were pushed off their path, ``mlp-pushed``, as ``examples/chunked_mlp.py``
-writes them; ``act-raw`` and so on as ``examples/lerobot_act.py`` does; what is not there is left out. Interrupted, the
-same command continues.
+table and draws the picture of ``docs/learning.md``. Policies lie in folders below POLICIES: ``mlp-raw`` and
+``mlp-calibrated`` as ``examples/chunked_mlp.py`` writes them, ``act-raw`` and ``act-calibrated`` as
+``examples/lerobot_act.py`` does; what is not there is left out. Interrupted, the same command continues.
 
 Run: .venv/bin/python benchmarks/bench_policies.py POLICIES --lerobot PYTHON --out out/policies
 """
@@ -28,15 +27,9 @@ from trocar.eval.statistics import session_interval
 from trocar.learn.policy import policy_digest
 from trocar.report import style
 
-WAYS = {"raw": "policy", "calibrated": "policy-calibrated", "pushed": "policy-calibrated"}
-"""Methods under which policies are scored: above raw cables, and above compensated ones from either set of episodes."""
+WAYS = ("raw", "calibrated")
 SCRIPTS = {"raw": "uncalibrated", "calibrated": "best"}
 DIFFICULTIES = ("mild", "recorded")
-SHOWN = {
-    "raw": (style.VERMILION, "raw cables"),
-    "calibrated": (style.BLUE, "compensated"),
-    "pushed": (style.GREEN, "compensated, pushed episodes"),
-}
 SERVER = Path(__file__).parents[1] / "examples" / "lerobot_server.py"
 PORT = 5599
 """The address of a policy is part of its run, which another port would not continue."""
@@ -69,7 +62,7 @@ def scored(given: argparse.Namespace, name: str, way: str, difficulty: str, how:
         trials=given.trials,
         jobs=given.jobs,
         out=given.out / f"{name}-{way}-{difficulty}",
-        **({} if way == "raw" else {"calibration": given.calibration}),
+        **({"calibration": given.calibration} if way == "calibrated" else {}),
         **how,
     )
     done, tried = np.zeros(given.sessions, int), np.zeros(given.sessions, int)
@@ -97,16 +90,17 @@ def scored(given: argparse.Namespace, name: str, way: str, difficulty: str, how:
 def learned(given: argparse.Namespace, name: str, way: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield each difficulty and how this policy is run there."""
     folder = given.policies / f"{name}-{way}"
+    method = "policy-calibrated" if way == "calibrated" else "policy"
     if not folder.is_dir():
         return
     settings: dict[str, object] = {"observation": "state,objects", "timeout_s": 60.0}
     if name == "mlp":
         settings |= {"policy": str(folder), "policy_digest": policy_digest(str(folder))}
-        yield from ((difficulty, {"method": WAYS[way], "settings": settings}) for difficulty in DIFFICULTIES)
+        yield from ((difficulty, {"method": method, "settings": settings}) for difficulty in DIFFICULTIES)
         return
     with served(given.lerobot, folder) as address:
         for difficulty in DIFFICULTIES:
-            yield difficulty, {"method": WAYS[way], "settings": settings | {"policy": address}}
+            yield difficulty, {"method": method, "settings": settings | {"policy": address}}
 
 
 def draw(rows: dict[tuple[str, str, str], dict[str, Any]], figure: Figure) -> None:
@@ -115,13 +109,13 @@ def draw(rows: dict[tuple[str, str, str], dict[str, Any]], figure: Figure) -> No
     names = list(dict.fromkeys(name for name, _, _ in rows))
     grid = figure.subplots(1, len(DIFFICULTIES), sharey=True)
     for axes, difficulty in zip(grid, DIFFICULTIES, strict=True):
-        for shift, (way, (colour, label)) in zip((-0.15, 0.0, 0.15), SHOWN.items(), strict=True):
+        for shift, way, colour in ((-0.12, "raw", style.VERMILION), (0.12, "calibrated", style.BLUE)):
             at = [k for k, name in enumerate(names) if (name, way, difficulty) in rows]
             found = [rows[names[k], way, difficulty] for k in at]
             share = np.array([100 * row["done"] / row["tried"] for row in found])
             ends = np.array([[100 * row["low"], 100 * row["high"]] for row in found]).T
-            x, off = np.array(at) + shift, np.abs(ends - share)
-            axes.errorbar(x, share, off, fmt="o", color=colour, capsize=3, label=label)
+            x, label = np.array(at) + shift, {"raw": "raw cables", "calibrated": "compensated"}[way]
+            axes.errorbar(x, share, np.abs(ends - share), fmt="o", color=colour, capsize=3, label=label)
         axes.set_xticks(range(len(names)), [{"mlp": "MLP", "act": "ACT"}.get(name, name) for name in names])
         axes.set_xlim(-0.5, len(names) - 0.5)
         axes.set_ylim(-4, 104)
@@ -146,9 +140,9 @@ def main() -> None:
     began = time.monotonic()
     print("| who | cables | difficulty | transfers (95 %, by session) | time | collisions |")
     print("|---|---|---|---|---|---|")
-    for way, method in SCRIPTS.items():
+    for way in WAYS:
         for difficulty in DIFFICULTIES:
-            rows["script", way, difficulty] = scored(given, "script", way, difficulty, {"method": method})
+            rows["script", way, difficulty] = scored(given, "script", way, difficulty, {"method": SCRIPTS[way]})
     for name in ("mlp", "act"):
         for way in WAYS:
             for difficulty, how in learned(given, name, way):
