@@ -30,7 +30,7 @@ from trocar.registry import load_plugin
 PLUGIN = str(Path(__file__).parent / "reach.py")
 GAMMA = 0.95
 SHARE = 0.4
-"""Of the greatest increments, so that joints mostly keep up and what was asked for is what happens."""
+"""Of the greatest increments, so that joints mostly keep up (assumed)."""
 
 
 class Straight(gymnasium.Wrapper):

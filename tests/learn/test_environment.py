@@ -126,7 +126,7 @@ def test_an_arm_goes_where_its_actions_say_and_is_slowed_where_it_cannot(peg):
 
 
 def test_increments_that_are_too_fast_do_not_turn_the_arm():
-    env = CellEnv("peg-transfer", action="cartesian", **ONE)
+    env = CellEnv("peg-transfer", action="cartesian", transfers=1, budget_s=15.0)
     seen, _ = env.reset(seed=1)
     arm, cell, jaw_rad = env.config.arms[0], env._laboratory.cell, float(seen["state"][-1])
 
@@ -143,6 +143,12 @@ def test_increments_that_are_too_fast_do_not_turn_the_arm():
         slowed = info["slowed"] or there == 0
         assert slowed and not info["refused"]
         assert np.degrees(np.linalg.norm((turn() @ tilted.inverse()).log())) < 0.5
+    rng, worst_rad = np.random.default_rng(1), 0.0
+    for step in range(300):  # another way each quarter of a second: errors do not add up
+        there = np.sign(rng.uniform(-1.0, 1.0, 3)) if step % 8 == 0 else there
+        env.step(np.array([*(there * fast), 0, 0, 0, jaw_rad]))
+        worst_rad = max(worst_rad, np.linalg.norm((turn() @ tilted.inverse()).log()))
+    assert np.degrees(worst_rad) < 8.0
     env.close()
 
 

@@ -82,6 +82,7 @@ class Control:
         self._steps, self._at_tick, self._lasts_s = 0, 0, TICK_S
         self._begins_s = cell.clock.now_s()
         self._goals = {arm: cell.robot.setpoint(arm).q for arm in self.arms}
+        self._held: dict[str, SO3] = {}  # orientations in the world that increments without a rotation keep
         self._jaws: dict[str, float] = {}
         self._turns: dict[str, NDArray[np.float64]] = {}
 
@@ -166,6 +167,8 @@ class Control:
             if self._kind == CARTESIAN:
                 moves = slowed_together(asked, velocity, limits, period_s)
                 goal = point + moves * period_s
+                if part[3:6].any():  # what is lost of a rotation is not made up
+                    del self._held[arm]
             motion = step_towards(goal, moves, now.q, velocity, limits, period_s)
             self._goals[arm] = goal
             if factor > 1.0 + 1e-6:
@@ -189,7 +192,7 @@ class Control:
         model, near, T_world_base = self._cell.arms[arm], self._goals[arm], self._cell.T_world_base_registered[arm]
         if self._kind == CARTESIAN:
             tip = T_world_base @ fk(model, near)
-            turned = SO3.exp(part[3:6]) @ tip.rotation
+            turned = SO3.exp(part[3:6]) @ self._held.setdefault(arm, tip.rotation)
             wanted = SE3.from_parts(turned, tip.translation_m + part[:3])
         elif np.linalg.norm(part[3:7]) < 1e-6:
             raise OutOfReach(f"the orientation of arm {arm!r} is no quaternion: all four are 0", arm=arm)
