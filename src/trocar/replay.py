@@ -55,11 +55,9 @@ class Viewpoint:
 
     Attributes:
         eye_m: (3,) in the world.
-        gain: of the light; nearer objects are brighter.
     """
 
     eye_m: tuple[float, float, float]
-    gain: float = 0.95
 
 
 @dataclass(frozen=True, eq=False)

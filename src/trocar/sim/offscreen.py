@@ -19,9 +19,10 @@ from trocar.sim.ray_camera import RayCamera
 from trocar.sim.sensor import Light
 from trocar.sim.spec import INTANGIBLE, SHAPES, digits, placed
 
-AMBIENT = 0.42
-LAMP_M = (0.12, 0.0, 0.0)
-TABLE_RGB = (0.30, 0.33, 0.36)
+AMBIENT, GAIN = 0.6, 0.8
+LAMP = np.array([-0.5, -0.5, -0.5])
+"""Where the lamp is in the camera's frame (to its left, above and behind), times the distance of what is looked at."""
+TABLE_RGB = (0.80, 0.83, 0.86)
 BELOW_M = 2e-3
 """The table is this far below the lowest fixed solid."""
 FAR = 3.2
@@ -66,8 +67,11 @@ class OffscreenCamera:
         self._data = mujoco.MjData(self._model)
         self._moving = [body for body, T in replay.T_world_body.items() if T.matrix.ndim == 3]
         T_world_camera, lens = framed(np.array(view.eye_m), frame_m, scale)
-        light, flaws = Light(ambient=AMBIENT, gain=view.gain), replace(SensorFlaws.none(), shadow=True)
-        self._camera = RayCamera(self._model, lens, T_world_camera, LAMP_M, flaws, light)
+        middle_m = T_world_camera.inverse().apply(frame_m.mean(axis=0))
+        lamp_m = LAMP * np.linalg.norm(middle_m)
+        light = Light(AMBIENT, GAIN, reference_m=float(np.linalg.norm(middle_m - lamp_m)))
+        flaws = replace(SensorFlaws.none(), shadow=True)
+        self._camera = RayCamera(self._model, lens, T_world_camera, lamp_m, flaws, light)
 
     def picture(self, time_s: float, replay: Replay | None = None) -> NDArray[np.uint8]:
         """Return a colour picture (height, width, 3) of this time, of its own replay or of another of the same cell."""

@@ -45,7 +45,7 @@ ASSUMED = (
 class DebridementReport(TaskReport):
     """What a report of debridement adds."""
 
-    view = Viewpoint((-0.0745, 0.36, 0.20), 1.15)
+    view = Viewpoint((-0.0745, 0.36, 0.20))
     outcomes = FragmentOutcome
     captions: Mapping[str, str] = {
         "failures": "The nine failure modes, ours beside the paper's; bars are rates, whiskers 95 % intervals"

@@ -194,7 +194,7 @@ def draw_needle(trial: Trial, path: Path, title: str) -> Path:
 class SutureReport(TaskReport):
     """What a report of driven sutures adds."""
 
-    view = Viewpoint((0.12, 0.23, 0.17), 0.37)
+    view = Viewpoint((0.12, 0.23, 0.17))
     colours: Mapping[str, tuple[float, float, float]] = {"needle": (0.05, 0.25, 0.85)}
     parts = ("planning", "loading", "motion", "jaw", "settling")
     outcomes = SutureOutcome
