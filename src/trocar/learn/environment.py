@@ -42,8 +42,9 @@ from trocar.sim.offscreen import OffscreenCamera, handled
 from trocar.sim.pace import Stepping
 from trocar.sim.world import PhysicsError
 
-REFEREE_S = 1.0
-"""The referee looks this often, and at the end: it goes through all that has happened."""
+REFEREE_S, REFEREE_SHARE = 1.0, 0.03
+"""The referee looks this often, later after this share of the time so far, and at the end. It goes through the whole
+episode each time: once a second, it took a quarter of the time of an episode of 100 s."""
 MAX_INDEX = 2**31
 SPARSE, DENSE = "sparse", "dense"
 REWARDS = (SPARSE, DENSE)
@@ -196,7 +197,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             if not (isinstance(value, int | np.integer) and 0 <= value < most):
                 raise InvalidValue(f"the {name} of reset()", value, f"give 0 to {most - 1}")
         self._set_up(session, index)
-        self._scored_s, self._reached, self._over = -REFEREE_S, 0, False
+        self._scored_s, self._reached, self._over = 0.0, 0, False
         self._scores: list[dict[str, Any]] = []
         self._referee(force=True)
         self._left_m = self._remaining_m()
@@ -224,8 +225,8 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
     def step(self, action: ArrayLike) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:  # type: ignore[override]
         """Let an action take its time; return observation, reward, terminated, truncated and info.
 
-        The reward is how many goals more the referee counts as reached; it looks once a second, and at the end. A dense
-        one adds what was gained on the way.
+        The reward is how many goals more the referee counts as reached; it looks once a second, less often after half
+        a minute, and at the end. A dense one adds what was gained on the way.
 
         Raises:
             InvalidInput: the action has another shape, is not finite or leaves its bounds (nothing has moved then), or
@@ -270,7 +271,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
     def _referee(self, *, force: bool) -> None:
         """Score what has happened, if it is time to."""
         now_s, laboratory = self._laboratory.now_s(), self._laboratory
-        if force or now_s >= self._scored_s + REFEREE_S:
+        if force or now_s >= self._scored_s + max(REFEREE_S, REFEREE_SHARE * self._scored_s):
             scores = self.config.task.score(laboratory.truth(), laboratory.log.events)
             self._scored_s, self._scores = now_s, [asdict(score) for score in scores]
             self._reached = sum(bool(score.succeeded) for score in scores)
