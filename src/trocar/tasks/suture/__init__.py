@@ -1,1 +1,1 @@
-"""Sutures round a circle, driven along the needle primitive; everything of the task is in this folder."""
+"""The suture task: sutures round a circle, each driven along the needle primitive."""

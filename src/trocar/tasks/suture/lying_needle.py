@@ -1,6 +1,6 @@
-"""Where a needle lies on the phantom, from one depth image.
+"""Find a needle that lies flat on the phantom, from one depth image.
 
-Its ends look alike, so an image does not tell which of them is the tip, nor which face of the needle is up.
+The needle's ends look alike, so an image tells neither which end is the tip nor which face of the needle is up.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from trocar.tasks.suture.needle import Needle
 from trocar.tasks.suture.perception import colors
 
 LOW_M = 3.0e-3
-"""Steel that is seen higher over the floor is not that of a needle that lies."""
+"""Steel higher than this over the floor does not belong to a needle that lies flat."""
 TRIES, SEED = 400, 3
-"""Pairs of pixels that are tried as two places of the wire."""
+"""Number of pairs of pixels that are tried as two points of the wire, and the seed that draws them."""
 ON_WIRE_M = 0.8e-3
-"""Pixels this close to the wire's middle line show it."""
+"""Pixels this close to the wire's centreline show it."""
 FEWEST, SHARE = 60, 0.7
 """Least number of pixels that show the wire, and their least share of all steel within the needle's circle."""
 ARC_RAD = math.radians(25.0)
-"""The arc that is seen may differ from the needle's by so much."""
+"""Largest difference between the arc that is seen and the needle's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +48,10 @@ def find_lying(
     """Return where a needle lies on a floor; None if none is seen, or something hides a part of it.
 
     Args:
-        image: with depth.
-        T_camera_floor: the floor, z up, its frame in the middle.
+        image: an image with depth.
+        T_camera_floor: pose of the floor, z up, origin in its middle.
         half_m: half of the floor's size along its x and y.
-        needle: its shape.
+        needle: the needle's shape.
     """
     patch = patch_around(image, T_camera_floor, [-half_m[0], -half_m[1], 0.0], [half_m[0], half_m[1], LOW_M])
     if patch is None:
@@ -60,7 +60,7 @@ def find_lying(
     steel = colors(patch, T_floor_camera)[1]
     low = T_floor_camera.apply(patch.points_m.reshape(-1, 3)[steel])[:, 2] < LOW_M
     rays = T_floor_camera.rotation.apply(patch.rays.reshape(-1, 3)[steel][low])
-    eye = T_floor_camera.translation_m
+    eye = T_floor_camera.translation_m  # rays are cut with the plane of the wire's centreline
     places = (eye + rays * ((needle.wire_m / 2 - eye[2]) / rays[:, 2])[:, None])[:, :2]
     places = places[(np.abs(places) < half_m).all(1)]
     center = _center(places, needle.radius_m)
@@ -78,7 +78,7 @@ def find_lying(
 
 
 def _center(places_m: NDArray[np.float64], radius_m: float) -> NDArray[np.float64] | None:
-    """Return the centre (2,) of the circle of this radius that most places (n, 2) are on; None: there is none."""
+    """Return the centre (2,) of the circle of this radius through most places (n, 2); None if there is none."""
     if len(places_m) < FEWEST:
         return None
     pairs = places_m[np.random.default_rng(SEED).integers(len(places_m), size=(TRIES, 2))]
@@ -86,6 +86,7 @@ def _center(places_m: NDArray[np.float64], radius_m: float) -> NDArray[np.float6
     length = np.linalg.norm(chord, axis=1)
     fit = (length > radius_m / 2) & (length < 2 * radius_m)
     chord, length, middle = chord[fit], length[fit], pairs[fit].mean(1)
+    # two circles of the radius pass through each pair of places
     across = np.column_stack([-chord[:, 1], chord[:, 0]]) / length[:, None]
     up_m = np.sqrt(radius_m**2 - (length / 2) ** 2)[:, None]
     centers = np.concatenate([middle + up_m * across, middle - up_m * across])
@@ -93,7 +94,7 @@ def _center(places_m: NDArray[np.float64], radius_m: float) -> NDArray[np.float6
         return None
     off = np.abs(np.linalg.norm(places_m[None] - centers[:, None], axis=2) - radius_m) < ON_WIRE_M
     center = centers[int(np.argmax(off.sum(1)))]
-    for _ in range(5):  # least squares of the distances from the circle
+    for _ in range(5):  # least squares over the places on the wire
         away = places_m - center
         distance = np.linalg.norm(away, axis=1)
         near = np.abs(distance - radius_m) < ON_WIRE_M

@@ -20,8 +20,8 @@ class Needle:
     tip along +x.
 
     Attributes:
-        radius_m: of the wire's middle line.
-        arc_rad: from tip to tail; 225 degrees is the 5/8 circle, which leaves room for two regrasps.
+        radius_m: radius of the wire's centreline.
+        arc_rad: arc from tip to tail; 225 degrees is the 5/8 circle, which leaves room for two regrasps.
         wire_m: thickness of the wire.
     """
 
@@ -40,14 +40,14 @@ class Needle:
         return np.array([0.0, -self.radius_m, 0.0])
 
     def behind_tip_rad(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far (n,) behind the tip the points of the wire lie that are nearest to points (n, 3)."""
+        """Return the angles (n,) behind the tip of those points of the wire that are nearest to points (n, 3)."""
         angle = np.arctan2(-p[:, 0], -p[:, 1])
-        beyond = 0.5 * (TURN - self.arc_rad)  # half of the gap between the ends, beyond which the other end is nearer
+        beyond = 0.5 * (TURN - self.arc_rad)  # half of the gap between the ends; beyond it the tail is nearer
         angle = (angle + beyond) % TURN - beyond
         return np.clip(angle, 0.0, self.arc_rad)
 
     def point_m(self, behind_tip_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (n, 3) of the wire's middle line at these angles (n,) behind the tip."""
+        """Return points (n, 3) of the wire's centreline at these angles (n,) behind the tip."""
         angle = np.asarray(behind_tip_rad, dtype=np.float64)
         return self.radius_m * np.stack([-np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=-1)
 
@@ -69,9 +69,9 @@ class Needle:
         return np.linalg.norm(away, axis=1) - 0.5 * self.wire_m
 
     def slopes(self, p: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the distances (n,) of points (n, 3), and their derivatives (n, 6) by a twist of the needle.
+        """Return the signed distances (n,) of points (n, 3), and their derivatives (n, 6) by a twist of the needle.
 
-        The twist is in its frame, a translation (m/m) and a rotation (m/rad), as in ``SE3.exp``.
+        The twist is in the needle's frame: translation (m/m), then rotation (m/rad), as in ``SE3.exp``.
         """
         away = p - self.point_m(self.behind_tip_rad(p))
         length = np.linalg.norm(away, axis=1)
@@ -88,7 +88,7 @@ def check_range(what: str, value: float, low: float, high: float, unit: str = "m
 
 
 def _by_length(length_m: float, circle: float) -> Needle:
-    """Return the needle of this length along the wire that is this share of a whole circle."""
+    """Return the needle with this length along the wire and this share of a whole circle."""
     return Needle(length_m / (circle * TURN), circle * TURN)
 
 
@@ -105,5 +105,5 @@ NEEDLES = {
 }
 """Needles by Ethicon's codes: length along the wire and share of a circle as printed on packages of sutures.
 
-The thickness of the wire, which packages do not state, is the default's (assumed).
+Packages do not state the thickness of the wire; it is the default (assumed).
 """

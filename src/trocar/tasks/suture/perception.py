@@ -1,9 +1,9 @@
-"""Where a needle is, from depth images of one moment: a robust fit of its pose to points and rays.
+"""Estimate a needle's pose from depth images of one moment, by a robust fit to points and rays.
 
-Points on the needle have to lie on its wire. A pixel that does not have the colour of the floor under the needle shows
-the wire, so its ray has to meet it; a ray that ends on the floor, by its colour or its depth, must not have passed
-through it. The wire is about two pixels wide and its depth scatters by most of its thickness: its place across the rays
-comes from the colours, its distance from the mean of many points.
+Depth points on the needle have to lie on its wire. A pixel with the colour of steel shows the wire, so its ray has to
+meet the wire. A ray that ends on the floor, by its colour or its depth, must miss the wire. The wire is about two
+pixels wide, and its depth scatters by most of its thickness. So its place across the rays comes from the colours, and
+its distance from the mean of many points.
 """
 
 from __future__ import annotations
@@ -22,63 +22,63 @@ from trocar.perception.image import RgbdImage
 from trocar.tasks.suture.needle import Needle
 
 FIRST_M, THEN_M = 2.5e-3, 1.3e-3
-"""Points this close to the wire are taken for points on it: first of the expected wire, then of the one found."""
+"""Pixels this close to the wire are the evidence of a fit: first of the expected wire, then of the wire found."""
 WIDE_M = 5.0e-3
-"""Points this close to the expected wire decide between the results from several starts."""
+"""Rays this close to the expected wire decide between the results from several starts."""
 SURE_M, AWAY, FAR_AWAY = 0.8e-3, 1.5, 3.0
-"""If the wire's end is less certain than this (SD), the search starts from several poses, this many SDs away from the
-expected one; if the result does not explain what is seen, it starts again even further away."""
+"""If the SD of the tip's position exceeds ``SURE_M``, the search also starts ``AWAY`` SDs from the expected pose. If
+the result does not explain what is seen, it starts again ``FAR_AWAY`` SDs from it."""
 CONTRADICTED = 0.1
-"""Pixels of steel within ``WIDE_M`` whose rays pass the wire far aside show another place of it, as those of the floor
-do whose rays go through it. Where there are more of them than this share of those that show steel, the pose is not the
-needle's. (In the cell there is none of them about a needle that was found, and a fifth about one that was not.)"""
+"""Two kinds of pixels within ``WIDE_M`` of the wire contradict a pose: steel whose ray misses the wire, and floor whose
+ray passes through it. If their number exceeds this share of the steel pixels, the pose is rejected. (In the cell, there
+are none around a needle that was found, and a fifth around one that was not.)"""
 SEARCH_PIXEL_M = 0.25e-3
-"""While searching, pixels that are closer to each other on the needle than this are left out."""
+"""During the search, pixels are thinned to about this spacing on the needle."""
 STEPS = 12
 MOST_SHIFT_M, MOST_TURN_RAD = 0.5e-3, 0.1
-"""Greatest step of the search."""
+"""Largest step of the fit."""
 WORST_M = 0.9e-3
-"""Points that scatter about the wire by more than this (SD) are not on it."""
+"""A fit whose points scatter about the wire by more than this (SD) is rejected."""
 POINT_SD_M, RAY_SD_PX = 0.35e-3, 0.25
-"""SDs of a point's distance from the wire, and of the distance by which a ray misses it or passes through it."""
+"""SDs of a point's distance from the wire, and of the distance by which a ray wrongly misses or enters the wire."""
 ROBUST = 1.5
 """A residual of more SDs than this counts less (Cauchy)."""
 TOGETHER = 4.0
-"""This many neighbouring points and rays share their error and count as one (chosen so that errors of looks in the cell
-are as large as stated)."""
+"""This many neighbouring points and rays share their error and count as one; chosen so that the errors of looks in the
+cell are as large as stated."""
 STEEP = 0.4
-"""If the sine of the angle between ray and wire is less, depth tells nothing about the wire."""
+"""If the sine of the angle between ray and wire is below this, depth tells nothing about the wire."""
 ASIDE_M = 0.5e-3
-"""A ray that meets steel, and passes the wire so far aside, shows another place of it."""
+"""A ray that meets steel but misses the wire by more than this contradicts the pose."""
 MARGIN_M = 2.5e-3
-"""At least so much about the needle is read: the floor's colour is taken from there."""
+"""Least margin around the needle that is read; it shows the floor's colour."""
 BEHIND_M = 1.5e-3
-"""A ray that ends this far behind the wire passed it."""
+"""A ray that ends this far behind the wire has missed it."""
 FAR_BEHIND_M = 4.0e-3
 """Steel that is seen this far behind the wire is not the wire, but an instrument."""
 OVER_FLOOR_M = 0.7e-3
-"""Points lower than this over the floor are not on a needle."""
+"""Points less than this above the floor are not on a needle."""
 ON_FLOOR_M = 1.0e-3
 """Points this close to the floor show its colour."""
 APART_M = 1.0e-3
 """Points this close to another known object may be on that object."""
 IN_FRONT_M = 1.5e-3
-"""A point this much nearer than the wire can be hides it."""
+"""A point hides the wire if it is this much nearer to the camera than the wire can be."""
 BEHIND_WIRE_M, BEFORE_WIRE_M = 2.5e-3, 80e-3
-"""Another object from so far behind the wire to so far before it would hide the wire or be taken for it."""
+"""An object between these distances behind and before the wire would hide it, or be taken for it."""
 STEP_M = 1.5e-3
-"""Least step along a ray on which such an object is searched for; it is longer where none is near."""
+"""Least step along a ray in the search for such objects; steps are longer where none is near."""
 UNLIKE = 0.05
-"""Colours whose shares of red, green and blue differ by more are not the same."""
+"""Colours are alike if their shares of red, green and blue differ by less than this."""
 GREY = 0.25
-"""Steel has less saturation."""
+"""Steel has a lower saturation than this."""
 DARK = 0.12
 """Pixels with less than this share of the floor's light are in shadow and show no colour."""
 SPACING_M, WIRE_SPACING_M = 0.4e-3, 0.1e-3
 """Spacing at which rays and the wire are sampled."""
 FEWEST, DEEP = 12, 0.4
-"""Minimum number of pixels on the wire for it to count as seen, and the share of them that must have depth in each
-image."""
+"""Minimum number of pixels on the wire for it to count as seen; this share of it is the minimum number of depth points
+on the wire, over all images."""
 
 Distances = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Signed distances (n,) of points (n, 3) in the camera's frame from other known objects."""
@@ -86,13 +86,13 @@ Distances = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class NeedleSighting:
-    """A normal likelihood of the needle's pose.
+    """A Gaussian likelihood of the needle's pose.
 
     Attributes:
         T_camera_needle: pose that fits best.
-        information: (6, 6) of a twist of the needle in its own frame about that pose, 1/m and 1/rad.
+        information: (6, 6) inverse covariance of a twist of the needle in its own frame about that pose, m and rad.
         pixels: number of pixels that show the wire.
-        depth_sd_m: robust SD of its depth.
+        depth_sd_m: robust SD of the wire's depth.
     """
 
     T_camera_needle: SE3
@@ -112,11 +112,11 @@ def sight_needle(
     """Return what depth images of one moment tell about a needle's pose; None if the needle is not seen.
 
     Args:
-        images: with depth, by one camera, while nothing moves; more of them scatter less in depth.
-        T_camera_needle: where it is expected.
+        images: images with depth from one camera, while nothing moves; more images reduce the scatter of depth.
+        T_camera_needle: expected pose.
         covariance: (6, 6) of a twist of the needle in its own frame about that pose, m and rad; it determines where the
             search begins, constrains it where the images show nothing, and is not part of the returned information.
-        needle: its shape.
+        needle: the needle's shape.
         T_camera_floor: a plane, z up, below which nothing of the needle is seen.
         occluders: distances of points from other known objects, such as the instrument that holds it; None: there are
             none.
@@ -137,7 +137,7 @@ def sight_needle(
 def floor_height_m(
     images: Sequence[RgbdImage], T_camera_needle: SE3, needle: Needle, T_camera_floor: SE3
 ) -> float | None:
-    """Return how far above its supposed plane, z up, the floor about a needle is seen, to .01 mm; None if it is not."""
+    """Return the height of the floor around a needle over its assumed plane (z up), to .01 mm; None if unseen."""
     T_floor, half, found = T_camera_floor.inverse(), needle.radius_m + MARGIN_M, [np.zeros(0)]
     for image in images:
         if (patch := patch_around(image, T_camera_needle, [-half] * 3, [half] * 3)) is not None:
@@ -204,7 +204,7 @@ def search_starts(
     starts = [T_camera_needle]
     for variance, axis in zip(variances, axes.T, strict=True):
         if variance > SURE_M**2:
-            likeliest = covariance @ lever.T @ axis / np.sqrt(variance)  # twist that has the tip one SD away along it
+            likeliest = covariance @ lever.T @ axis / np.sqrt(variance)  # twist that moves the tip by one SD along axis
             starts += [T_camera_needle @ SE3.exp(share * likeliest) for share in (away, -away)]
     return starts
 
@@ -233,7 +233,7 @@ def normal_equations(
 
 
 def ray_cost(evidence: NeedleEvidence, T_camera_needle: SE3, needle: Needle) -> float:
-    """Return how badly a pose explains which rays meet the wire and which pass it; comparable for the same evidence."""
+    """Return how badly a pose explains which rays meet and which miss the wire; comparable for the same evidence."""
     T = T_camera_needle.inverse()
     missed, entered = ray_distances(evidence.through, T, needle)[0], ray_distances(evidence.past, T, needle)[0]
     off = np.concatenate([np.maximum(missed, 0.0), np.minimum(entered, 0.0)]) / (RAY_SD_PX * evidence.pixel_m)
@@ -251,10 +251,11 @@ def contradicting_share(evidence: NeedleEvidence, T_camera_needle: SE3, needle: 
 def depth_residuals(
     points: NDArray[np.float64], T_needle_camera: SE3, needle: Needle
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far (n,) points lie behind the wire's front as their rays see it, and how that changes (n, 6).
+    """Return how far (n,) points lie behind the wire's front, and its derivatives (n, 6) by a twist of the needle.
 
-    It is taken along the rays, as depth scatters, and counted across the wire. A point's distance from the surface
-    would not do: what scatters through the thin wire comes out of its back.
+    The distance is found along the rays, because depth scatters along them, and then taken across the wire. The
+    distance from the wire's surface would not do: a point that scatters through the thin wire comes near its back.
+    Points that tell nothing, beyond the wire's ends or where a ray is too steep, are left out.
     """
     p = T_needle_camera.apply(points)
     ray = p - T_needle_camera.translation_m
@@ -262,7 +263,7 @@ def depth_residuals(
     angle = needle.behind_tip_rad(p)
     middle, along = needle.point_m(angle), needle.tangent(angle)
     slant = square = back = np.zeros(len(p))
-    for _ in range(2):  # to where the ray is nearest to the wire's middle line
+    for _ in range(2):  # find where the ray is nearest to the wire's centreline
         slant = np.sum(ray * along, axis=1)
         gap = p - middle
         square = np.maximum(1.0 - slant**2, STEEP**2)
@@ -282,7 +283,7 @@ def depth_residuals(
 def ray_distances(
     places: NDArray[np.float64], T_needle_camera: SE3, needle: Needle
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least distances (n,) along rays from the wire's surface, and their derivatives (n, 6)."""
+    """Return the least distances (n,) of places (n, k, 3) along rays from the wire, and their derivatives (n, 6)."""
     if not len(places):
         return np.zeros(0), np.zeros((0, 6))
     local = T_needle_camera.apply(places)
@@ -299,9 +300,9 @@ class NeedleEvidence:
 
     Attributes:
         points: (n, 3) on the wire.
-        through: (m, k, 3) positions along rays that meet it.
-        past: (l, k, 3) positions along rays that pass it.
-        pixel_m: distance of neighbouring rays there.
+        through: (m, k, 3) positions along rays that meet the wire.
+        past: (l, k, 3) positions along rays that miss it.
+        pixel_m: distance between neighbouring rays at the needle.
     """
 
     points: NDArray[np.float64]
@@ -319,7 +320,7 @@ def gather_evidence(
     occluders: Distances | None,
     every: int,
 ) -> NeedleEvidence | None:
-    """Return what images show of a needle near this pose; None if it is too little.
+    """Return what images show within ``near_m`` of a needle at this pose; None if it is too little.
 
     Colours are taken from the first image, since the others have the same. One in ``every`` rows and columns is read.
     """
@@ -331,7 +332,7 @@ def gather_evidence(
     T_needle, T_floor = T_camera_needle.inverse(), T_camera_floor.inverse()
     rays = patches[0].rays.reshape(-1, 3)
     z_near, beside = along_rays(rays, T_camera_needle, needle, near_m)
-    ours = beside < near_m
+    ours = beside < near_m  # rays near the wire, above the floor, that nothing hides
     ours[ours] = T_floor.apply(rays[ours] * z_near[ours, None])[:, 2] > OVER_FLOOR_M
     depth = np.array([patch.depth_m.ravel() for patch in patches])
     ours &= np.nan_to_num(depth, nan=np.inf).min(axis=0) >= z_near - near_m - IN_FRONT_M
@@ -358,18 +359,19 @@ def along_rays(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the depth (n,) of the wire where rays (n, 3) are nearest to it, and their least distances (n,) from it.
 
-    Rays that pass it further away than ``near_m`` have an infinite distance.
+    Rays that miss the wire by more than ``near_m`` have an infinite distance.
     """
     count = 2 + int(needle.radius_m * needle.arc_rad / WIRE_SPACING_M)
     wire = T_camera_needle.apply(needle.point_m(np.linspace(0.0, needle.arc_rad, count)))
     farthest = (near_m + 0.5 * needle.wire_m) / wire[:, 2].min()
+    # the nearest point of the wire as projected to z = 1; that distance times the depth is in metres
     apart, place = KDTree(wire[:, :2] / wire[:, 2:]).query(rays[:, :2], distance_upper_bound=farthest)
     depth = wire[np.minimum(place, count - 1), 2]
     return depth, depth * apart - 0.5 * needle.wire_m
 
 
 def clear(occluders: Distances, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which rays (n, 3) reach these depths (n,) and a little further without meeting another object."""
+    """Return which rays (n, 3) meet no other object before these depths (n,) of the wire, or just behind them."""
     clear = np.ones(len(rays), dtype=bool)
     z, end, long = z_near + BEHIND_WIRE_M, z_near - BEFORE_WIRE_M, np.linalg.norm(rays, axis=1)
     left = np.arange(len(rays))
@@ -378,7 +380,7 @@ def clear(occluders: Distances, rays: NDArray[np.float64], z_near: NDArray[np.fl
         clear[left[apart_m <= APART_M]] = False
         going = (apart_m > APART_M) & (z[left] > end[left])
         left, apart_m = left[going], apart_m[going]
-        # A distance changes by no more than the way along the ray, so that nothing is nearer than this.
+        # sphere tracing: no object is nearer than its distance, so the ray is clear that far
         z[left] = np.maximum(z[left] - np.maximum(apart_m - APART_M, STEP_M) / long[left], end[left])
     return clear
 

@@ -1,4 +1,4 @@
-"""A phantom with a circle drawn on it, a needle, and the stand of a needle: simulator truth."""
+"""The scene of a trial: a phantom with a circle drawn on it, a needle, and its stand. Simulator truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NEEDLE = Flaw(
     "assumed",
     tasks=("suture",),
 )
-"""How well a person loads the needle (entry point ``trocar.flaws``)."""
+"""Error with which a person loads the needle (entry point ``trocar.flaws``)."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class SutureScene:
         T_world_circle: pose of the circle: z out of the phantom's surface, origin at the circle's centre.
         circle_radius_m: radius of the circle.
         needle: the needle.
-        T_tip_needle: agreed pose of the needle in the arm's tip when it is placed.
-        T_needle_loaded: where a person truly places it, one pose for each time, in turn.
-        T_world_stand: of the stand that holds the needle at first; None: a person does, and loads it.
+        T_tip_needle: agreed pose of the needle in the arm's tip when a person loads it.
+        T_needle_loaded: true pose of the needle in the agreed one, for each loading in turn.
+        T_world_stand: pose of the stand that holds the needle at first; None: a person holds it and loads it.
     """
 
     T_world_circle: SE3

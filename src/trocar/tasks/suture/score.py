@@ -24,7 +24,7 @@ SLIP_M, SLIP_RAD = 0.5e-3, math.radians(10.0)
 SETTLED_S = 0.25
 """Closing jaws turn and centre the needle for this long; movement after that is slip."""
 FLICKER_S = 0.05
-"""Fingers that press less for no longer than this have not released the needle."""
+"""Fingers that press too little for no longer than this have not released the needle."""
 MEANT_M = 0.010
 """A needle that goes in within this distance of a planned entry was meant for it."""
 
@@ -38,8 +38,8 @@ class NeedleTruth:
         T_circle_needle: (n,) poses in the circle's frame.
         T_circle_tip: (n,) poses of the arm's true tip in the circle's frame.
         gripped: (n,) whether both fingers of the arm press on the needle, and no other arm's do.
-        in_hand: (n,) whether it is held ready for this arm: by a person, or, out of the tissue, by a second arm or a
-            stand.
+        in_hand: (n,) whether the needle is held ready for this arm: by a person, or, outside of the tissue, by a
+            second arm or a stand.
         p_needle_tip_m: (3,) the needle's tip in its own frame.
         by_two_arms: whether a second arm has to pull the needle through.
     """
@@ -65,13 +65,13 @@ class SutureScore(Score):
     Attributes:
         theta_deg: where on the circle.
         direction: 1 clockwise, -1 counterclockwise.
-        entry_error_m: from the planned point of entry to the true one, on the surface; None if it never went in.
-        exit_error_m: likewise where it comes out.
-        tip_rms_m: distance of the needle's tip from its planned path while it was driven; None if it was not.
-        tip_max_m: the largest.
+        entry_error_m: distance from the planned to the true point of entry; None if the needle never went in.
+        exit_error_m: likewise of the exit.
+        tip_rms_m: RMS distance of the needle's tip from its planned path while it was driven; None if it was not.
+        tip_max_m: the largest such distance.
         slip_m: largest movement of the grasped point in closed jaws.
-        slip_rad: largest turn of the needle in closed jaws.
-        driven_s: when the needle was driven first and last; None if it was not.
+        slip_rad: largest rotation of the needle in closed jaws.
+        driven_s: first and last time at which the needle was driven; None if it was not.
     """
 
     theta_deg: float
@@ -87,13 +87,13 @@ class SutureScore(Score):
 
 @dataclass(frozen=True)
 class Loading:
-    """What happened to the needle between two times that it was held ready: rows of the truth.
+    """One use of the needle, from one time that it is held ready to the next, as rows of the truth.
 
     Attributes:
-        first: row from which this arm had it.
-        last: row before the next time that it is held ready, or the last of all.
+        first: first row in which the needle is no longer held ready.
+        last: row before the needle is held ready again, or the last row of all.
         entry: row before the tip goes in; None if it never does.
-        exit: row before it comes out again; None if it does not.
+        exit: row before the tip comes out again; None if it does not.
     """
 
     first: int
@@ -105,7 +105,7 @@ class Loading:
 def score_sutures(
     sutures: Sequence[Suture], truth: NeedleTruth, events: Sequence[Mapping[str, Any]]
 ) -> list[SutureScore]:
-    """Return one score for each planned suture, for the last time that the needle went in near its entry."""
+    """Return one score for each planned suture; of several attempts near its entry, the last one counts."""
     tips = truth.p_circle_needle_tip_m
     loadings = loadings_of(truth, tips)
     meant = {number: loading for loading in loadings if (number := _nearest(sutures, tips, loading)) is not None}
@@ -113,7 +113,7 @@ def score_sutures(
 
 
 def loadings_of(truth: NeedleTruth, tips_m: NDArray[np.float64]) -> list[Loading]:
-    """Return what happened to the needle, from one time that it was held ready to the next."""
+    """Return the uses of the needle, separated by the times at which it was held ready."""
     free = np.flatnonzero(~truth.in_hand)
     if not len(free):
         return []
@@ -129,7 +129,7 @@ def loadings_of(truth: NeedleTruth, tips_m: NDArray[np.float64]) -> list[Loading
 def crossings(tips_m: NDArray[np.float64]) -> tuple[int | None, int | None]:
     """Return the rows before the tip's path (n, 3) first goes below z = 0, and before it comes up again.
 
-    A dip shallower than ``TOUCH_M`` is no entry: between two steps the tip rests on the surface and trembles.
+    A dip shallower than ``TOUCH_M`` is not an entry: between two steps the tip may rest on the surface and tremble.
     """
     below = tips_m[:, 2] < 0.0
     down = np.flatnonzero(~below[:-1] & below[1:])
@@ -149,7 +149,7 @@ def at_surface(tips_m: NDArray[np.float64], row: int) -> NDArray[np.float64]:
 
 
 def _nearest(sutures: Sequence[Suture], tips_m: NDArray[np.float64], loading: Loading) -> int | None:
-    """Return which suture a needle was meant for; None if it never went in near one."""
+    """Return the number of the suture that a needle was meant for; None if it never went in near one."""
     if loading.entry is None:
         return None
     entry = at_surface(tips_m, loading.entry)
@@ -216,7 +216,7 @@ def _score(
 def _why(
     noted: Mapping[str, Any] | None, loading: Loading | None, wrong: SutureOutcome, events: Sequence[Mapping[str, Any]]
 ) -> tuple[str, str]:
-    """Return the name of the failure, and a sentence: the script's own if it gave one, else ``wrong``, from truth."""
+    """Return the failure's name and a sentence: the script's own if it gave one, else what the truth shows."""
     said = agent_explanation(noted, events)
     if said is not None:
         return said
@@ -225,7 +225,7 @@ def _why(
 
 
 def grips_of(truth: NeedleTruth, loading: Loading) -> list[tuple[int, int]]:
-    """Return (first, last) row of each time that the jaws held the needle; a flicker does not end it."""
+    """Return (first, last) row of each grip of the needle; a gap of up to ``FLICKER_S`` does not end a grip."""
     rows = loading.first + np.flatnonzero(truth.gripped[loading.first : loading.last + 1])
     if not len(rows):
         return []
@@ -240,7 +240,7 @@ def slip(truth: NeedleTruth, first: int, last: int) -> tuple[float, float]:
         return 0.0, 0.0
     rows = slice(first, last + 1)
     T_tip_needle = truth.T_circle_tip[rows].inverse() @ truth.T_circle_needle[rows]
-    # the point of the needle that was between the jaws at first, where it is in the jaws later
+    # the point of the needle that was at the jaws' tip at first, followed in the jaws' frame
     p_needle = T_tip_needle[0].inverse().apply([0.0, 0.0, 0.0])
     moved = np.linalg.norm(T_tip_needle.apply(p_needle), axis=-1)
     turned = np.linalg.norm((T_tip_needle[0].rotation.inverse() @ T_tip_needle.rotation).log(), axis=-1)
@@ -248,7 +248,7 @@ def slip(truth: NeedleTruth, first: int, last: int) -> tuple[float, float]:
 
 
 def path_distance_m(points_m: NDArray[np.float64], path_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the distances (n,) of points (n, 3) from a path through (k, 3) points, straight between them."""
+    """Return the distances (n,) of points (n, 3) from the polyline through points (k, 3)."""
     start, step = path_m[:-1], np.diff(path_m, axis=0)
     since = points_m[:, None] - start
     share = np.clip((since * step).sum(-1) / np.maximum((step * step).sum(-1), 1e-30), 0.0, 1.0)

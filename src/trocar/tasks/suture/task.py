@@ -1,4 +1,4 @@
-"""Sutures round a circle, each driven along the needle primitive where the planner put it."""
+"""The suture task: sutures round a circle, each driven along the needle primitive as planned."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 DIRECTIONS_BY_NAME = {"best": None, "clockwise": CLOCKWISE, "counterclockwise": COUNTERCLOCKWISE}
 
 PRESET, DIRECTION, SUTURES = "default", "best", 4
-"""The default plan."""
+"""Defaults of the plan."""
 ROOM = np.array([0.05, 0.05, 0.005, 0.40, 0.30, 0.30])
-"""How far the calibration's motion goes beyond the plan's joints, rad and m, to leave room for corrections."""
+"""How far the calibration motion goes beyond the plan's range of each joint, rad and m, to cover corrections."""
 _AGENTS = "trocar.tasks.suture.agents"
 _LOOKING = {
     "agent": Lazy(f"{_AGENTS}:agent_of"),
@@ -57,7 +57,7 @@ _WORLD = Lazy("trocar.tasks.suture.world:SutureWorld")
 
 @dataclass(frozen=True)
 class CircleSutures(Task):
-    """The best even plan of a preset, or any plan that is given."""
+    """Drive the best even plan of a preset, or any given plan."""
 
     variant: str = option(
         SINGLE,
@@ -102,7 +102,7 @@ class CircleSutures(Task):
     report = Lazy("trocar.tasks.suture.report.driven_sutures:SutureReport")
 
     _station: ClassVar[Station | None] = None
-    """Where two arms are; None: at their usual station."""
+    """Station of the two arms; None: their usual station."""
 
     def __post_init__(self) -> None:
         if self.variant not in STATIONS:
@@ -138,14 +138,14 @@ class CircleSutures(Task):
         return f"preset {self.preset!r}" if self.preset else "the plan"
 
     def options(self) -> dict[str, Any]:
-        """Return the options; for a plan, or a preset from a file, its whole content, because the file may change."""
+        """Return the options; a plan or preset from a file is given by its content, because the file may change."""
         if self.planned or self.preset not in PRESETS:
             return super().options() | {"preset": None, "plan_file": self.plan.values()}
         return super().options()
 
     @cached_property
     def planned(self) -> PlannedSutures | None:
-        """Return the plan of the file that was given."""
+        """Return the plan from the given file; None if none is given."""
         return load_plan(self.plan_file) if self.plan_file else None
 
     @property
@@ -159,7 +159,7 @@ class CircleSutures(Task):
 
     @cached_property
     def plan(self) -> PlannedSutures:
-        """Return the plan that was given, or the best even plan of the preset (that the station's two arms can do)."""
+        """Return the given plan, or the preset's best even plan (of those that the second arm, if any, can pull)."""
         if self.planned:
             return self.planned
         count = self.sutures or SUTURES
@@ -173,7 +173,7 @@ class CircleSutures(Task):
         return PlannedSutures(map.setup, best.positions_rad, best.directions)
 
     def done_at(self, station: Station) -> CircleSutures:
-        """Return the task with the plan for the second arm of this station, if there is one."""
+        """Return the task; if two arms sew and no plan is given, planned for the second arm of this station."""
         if self.planned or not self.with_two_arms:
             return self
         self._require_pair(station)
@@ -222,10 +222,10 @@ class CircleSutures(Task):
         return tuple(replace(suture, direction=forced or suture.direction) for suture in self.plan.sutures)
 
     def calibration(self, station: Station, arm: str) -> MotionBox:
-        """Return the range of joints of the plan, widened a little.
+        """Return the calibration motion's box: the plan's range of each joint, widened by ``ROOM``.
 
         Raises:
-            OutOfReach: the plan is, and leaves no room to move in.
+            OutOfReach: the plan is out of reach, so that no range is left.
         """
         ways = [segment.q for suture in self.goals() for segment in suture_segments(suture)]
         if self.with_two_arms:
@@ -242,7 +242,7 @@ class CircleSutures(Task):
         return MotionBox(lower, upper, PSM1_BOX.step)
 
     def plan_with(self, station: Station) -> TwoArmPlan:
-        """Return what two arms do between the sutures, in a station as :meth:`at` returns it.
+        """Return what two arms do between the sutures, at a station that :meth:`at` returned.
 
         Raises:
             OutOfReach: an arm cannot do its part.

@@ -1,4 +1,4 @@
-"""Who sutures, one arm or two, and where if no station is given."""
+"""The variants of the task, one arm or two, and their default stations."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 SINGLE, TWO = "single-arm", "two-arms"
 STATIONS = {SINGLE: "suture", TWO: "suture-pair"}
-"""Variants, and where each is done if no station is given."""
+"""Default station of each variant."""
 
 
 def pair_of(station: Station) -> tuple[NDArray[np.float64], SecondArm]:
-    """Return where the first arm of a station rests (6,), and its second arm."""
+    """Return the parked joints (6,) of a station's first arm, and its second arm."""
     first, second = (station.arm(name) for name in list(station.arms)[:2])
     return first.park_q(), SecondArm(second.model, second.T_world_base, second.park_q())

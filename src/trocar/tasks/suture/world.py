@@ -1,4 +1,4 @@
-"""The simulator's side of the sutures: phantom, needle, the person who loads it and the referee who watches it.
+"""The simulated world of the sutures: phantom, needle, the person who loads it, and the referee who watches it.
 
 No agent may import this.
 """
@@ -28,30 +28,30 @@ PHANTOM_RGB = (0.86, 0.64, 0.55)
 NEEDLE_RGB = (0.75, 0.77, 0.80)
 MARK_RGB = (0.20, 0.25, 0.55)
 MARKS = 72
-"""Number of dashes with which the circle on the phantom is drawn."""
+"""Number of dashes that draw the circle on the phantom."""
 STEEL_KG_M3 = 7900.0
 ASIDE_M = (0.075, 0.060, 0.010)
-"""Where a person keeps the needle until the jaws ask for it, in the circle's frame."""
+"""Where a person keeps the needle until the agent asks for it, in the circle's frame."""
 LOADING_S = 1.0
-"""Time that a person takes to load the needle (assumed; reported as a separate part)."""
+"""Time that a person takes to load the needle (assumed; reported separately)."""
 DRAG_NS_M = 20.0
-"""Viscous drag on the needle's centre while a part of it is below the surface: .2 N at 10 mm/s (assumed; there are no
-tissue mechanics: the phantom bears a needle's weight and drags on it)."""
+"""Viscous drag on the needle's centre while phantom or stand hold it: .2 N at 10 mm/s (assumed). There are no tissue
+mechanics: the phantom bears the needle's weight and drags on it. A fallen needle that is touched has the same drag."""
 APPARENT_KG = 0.1
 """Inertia added to the needle in every direction, so that contacts of a .2 g body are as stiff as those of the jaws;
-driving a needle is quasi-static. A needle that falls, or lies where nobody touches it, has its own alone."""
+driving a needle is quasi-static. A fallen needle that nobody touches has no added inertia."""
 UNHELD_S = 0.1
-"""A needle falls when nobody has touched it for so long: closing jaws lose it for moments."""
+"""A needle falls when nothing has held or touched it for this long; closing jaws lose contact for moments."""
 GROUND_BIT = 2**30
-"""Of contacts between a needle that has fallen and phantom, stand and table, through which it is driven otherwise."""
+"""Contact bit with which a fallen needle meets phantom, stand and table; before, it passes through them."""
 GROUND = {"contype": 0, "conaffinity": GROUND_BIT, "friction": (0.6, 0.002, 0.0001), "solref": (0.002, 1.0)}
-"""Attributes of a geom on which such a needle comes to lie (friction assumed)."""
+"""Attributes of the geoms on which a fallen needle comes to rest (friction assumed)."""
 LET_GO_N = 1.0
-"""A person releases the needle when each finger of the jaws presses with this force, so that they grip it."""
+"""Jaws grip the needle if each finger presses with more than this force; a person then releases it."""
 
 
 def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
-    """Add phantom and stand, which only a needle that has fallen touches, the circle's marks, and the needle."""
+    """Add phantom, table, stand, the circle's marks and the needle; only a fallen needle touches the first three."""
     width, depth, thickness = PHANTOM_M
     world = spec.worldbody
     phantom = world.add_body(name="phantom", **placed(scene.T_world_circle))
@@ -78,14 +78,14 @@ def add_phantom(spec: mujoco.MjSpec, scene: SutureScene) -> None:
 
 
 class SutureWorld(TaskWorld):
-    """A needle held by jaws, phantom, stand, or a person, and a phantom that nothing else touches.
+    """World of the suture task, in which jaws, phantom, stand or a person hold the needle.
 
-    A needle that nobody holds falls, and comes to lie on phantom, stand or table.
+    A needle that nothing holds falls, and comes to rest on phantom, stand or table. Nothing else touches these.
 
     Args:
-        scene: what lies there.
-        arm: that drives the needle.
-        second: that pulls it through and hands it back; empty: a person does, and loads it.
+        scene: the scene.
+        arm: name of the arm that drives the needle.
+        second: name of the arm that pulls it through and hands it back; empty: a person pulls it out and loads it.
 
     Attributes:
         in_hand: whether a person holds the needle.
@@ -125,7 +125,7 @@ class SutureWorld(TaskWorld):
             self.in_hand, world.data.qpos[self._qpos] = False, _pose7(T)
 
     def act(self) -> None:
-        """Hold the needle for the next steps of the physics, where the jaws do not."""
+        """Hold the needle during the next physics steps, unless jaws hold it or it falls."""
         data = self._world.data
         if self.in_hand and self._gripped(self._arm):
             self.in_hand = False
@@ -133,7 +133,7 @@ class SutureWorld(TaskWorld):
             data.qpos[self._qpos] = self._hand
             data.qvel[self._dof] = 0.0
         touched = self._touched()
-        if self._fallen:  # until somebody has it, however fast it meets the ground
+        if self._fallen:  # a fallen needle that dips into the ground is not held there: jaws or a person must take it
             self._fallen = not (self.in_hand or any(self._gripped(arm) for arm in self._world.arms))
         held = not self._fallen and (self.in_hand or self._inserted() or self._stands())
         if held or touched:
@@ -171,12 +171,12 @@ class SutureWorld(TaskWorld):
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:
-        """Return where the circle truly was."""
+        """Return the circle's true pose."""
         del record
         return {"T_world_circle": self._scene.T_world_circle.matrix}
 
     def assistants(self) -> Mapping[str, Any]:
-        """Return the person who loads the needle, wherever the jaws truly are; nobody, if two arms sew."""
+        """Return the person who loads the needle at the jaws' true pose; nobody if two arms sew."""
         return {} if self._second else {"load needle": self._load}
 
     async def _load(self, arm: str) -> None:
@@ -233,5 +233,5 @@ class SutureWorld(TaskWorld):
 
 
 def _pose7(T: SE3) -> NDArray[np.float64]:
-    """Return position and quaternion (7,), as MuJoCo has them."""
+    """Return position and quaternion (7,) in MuJoCo's order."""
     return np.append(T.translation_m, T.rotation.as_quaternion())

@@ -8,5 +8,5 @@ from trocar.tasks.suture.agents.two_arms import TwoArmSuturing
 
 
 def agent_of(context: AgentContext) -> CircleSuturing:
-    """Return the agent for as many arms as work."""
+    """Return the agent for one or two arms, as many as work."""
     return (CircleSuturing if len(context.arms) == 1 else TwoArmSuturing)(context)

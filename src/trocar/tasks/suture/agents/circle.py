@@ -39,13 +39,13 @@ RUN_UP_M = 1.0e-3
 """A corrected start of a path is approached from this far behind it, along the path, so that the outer joints have
 taken up their play in the direction of the motion."""
 ENOUGH_M = 0.2e-3
-"""A needle's tip estimated to be this close to where it should be is not moved and looked at again. The threshold is
-multiplied by the number of looks there, because each move disturbs the cables again, by some .6 mm."""
+"""If the needle's tip is estimated to be this close to its target, the arm does not move it and look again. The
+threshold is multiplied by the number of looks so far, because each move disturbs the cables again, by some .6 mm."""
 LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
-"""Shares of the way down that are tried, since its upper end matters least."""
+"""Shares of the way down that are tried in turn, since its upper end matters least."""
 TURNS, SHORT = ("rotate", "push"), (3, 6, 9, 12)
-"""If the commands' limits cut a rotation of the needle short, it stops this many waypoints, of 1 deg, early. The path
-after it makes up for the rest, starting from where the needle is seen."""
+"""Steps that rotate the needle; if the corrected path leaves a joint's range, the arm tries to stop this many waypoints
+(1 deg each) early. The next path starts from where the needle is seen, so it makes up for the rest."""
 LOAD = "load needle"
 """A person's action: ``await assistants[LOAD](arm)`` puts the needle between the open jaws and holds it there until
 they close."""
@@ -56,8 +56,8 @@ class Settings:
     """How the agent works; lengths in m, angles in rad, times on the cell's clock in s.
 
     Attributes:
-        planning_budget_s: declared for the joint paths of a suture.
-        two_arms_budget_s: declared for what two arms do between the sutures, once a trial.
+        planning_budget_s: declared time to plan the joint paths of a suture.
+        two_arms_budget_s: declared time to plan what two arms do between the sutures, once a trial.
         settle_s: rest after a motion before the jaws act.
         driving_speed_m_s: mean speed of the jaws along the primitive, m/s; slow enough for the cables to take up their
             play before the needle's next movement.
@@ -68,11 +68,11 @@ class Settings:
         jaw_open_rad: opening that clears the wire.
         jaw_closed_rad: target that lets the drive press.
         jaw_empty_rad: jaws that close further than this hold nothing; a wire of .9 mm keeps them open by .09.
-        limits_share: of the arms' limits of velocity and acceleration, used on the way from suture to suture.
+        limits_share: share of the arms' limits of velocity and acceleration that is used from suture to suture.
         loadings: how often a person is asked to load the needle, until the jaws hold it as they should.
         images: number per look at the needle; 0: it is driven without looks.
-        sighting_budget_s: declared for finding the needle in them.
-        start_budget_s: declared in addition for each further pose from which it is searched for.
+        sighting_budget_s: declared time to find the needle in the images of a look.
+        start_budget_s: declared time in addition for each further pose from which the needle is searched for.
     """
 
     planning_budget_s: float = 0.05
@@ -126,12 +126,12 @@ class CircleSuturing:
         self.tracker = NeedleTracker(cell, self.hand, setup, settings) if settings.images else None
 
     def require_help(self, cell: Cell) -> None:
-        """Raise unless somebody loads the needle."""
+        """Raise InvalidInput unless somebody loads the needle."""
         if LOAD not in cell.assistants:
             raise InvalidInput("nobody in this cell", "loads the needle", f"give it an assistant for {LOAD!r}")
 
     async def begin(self) -> None:
-        """Prepare what moves, before the first suture."""
+        """Exercise the wrist and zero the jaws, before the first suture."""
         await self.hand.exercise_wrist()
         await self.hand.zero_jaw(self.settings.jaw_closed_rad)
 
@@ -157,13 +157,13 @@ class CircleSuturing:
                 return
 
     async def go_home(self) -> None:
-        """Go to where the arm is in nobody's way."""
+        """Go to where the arm began, in nobody's way."""
         await self.hand.go(self.home)
 
     async def _suture(self, number: int, suture: Suture) -> End:
-        """Load, drive, let go; return how it ended.
+        """Load, drive and release the needle; return how the suture ended.
 
-        A suture whose plan is within the joints' ranges, but not its corrections for cables and needle, is given up.
+        If only the corrections for cables and needle leave a joint's range, but not the plan, the suture is given up.
         """
         budget_s = self.settings.planning_budget_s
         *way_in, withdraw, rise = await self.hand.compute("planning", budget_s, lambda: suture_segments(suture))
@@ -179,7 +179,7 @@ class CircleSuturing:
         return await self.finish(number, withdraw, rise)
 
     async def take_needle(self, number: int) -> End | None:
-        """Have a person put the needle into the jaws; return how the suture ended, if they do not hold it then."""
+        """Have a person put the needle into the jaws; return the suture's end if the jaws do not hold it then."""
         if not await self._load():
             return missed(number, "the jaws did not hold the needle that they were given")
         if self.tracker:
@@ -193,7 +193,7 @@ class CircleSuturing:
         return End(SutureOutcome.DONE)
 
     async def _stretch(self, number: int, stretch: Stretch, suture: Suture, *leaving: Segment) -> End | None:
-        """Look, follow a stretch and close the jaws if they were open; return how the suture ended, if it did."""
+        """Look, follow a stretch and close the jaws if they were open; return the suture's end, if it ended."""
         segment, tracker = stretch.segment, self.tracker
         if stretch.first:
             self.log.event("step", suture=number, step=segment.name)
@@ -220,7 +220,7 @@ class CircleSuturing:
         return None
 
     async def _regrip(self, number: int, stretch: Stretch, *leaving: Segment) -> End | None:
-        """Close the jaws on the needle in the tissue; return how the suture ended, if they missed it."""
+        """Close the jaws on the needle in the tissue; return the suture's end if they missed it."""
         tracker = self.tracker
         if stretch.looks and tracker:
             await tracker.look()
@@ -301,7 +301,7 @@ class CircleSuturing:
         return self.hand.jaw_rad > self.settings.jaw_empty_rad
 
     async def _go_along(self, number: int, segment: Segment, speed_m_s: float | None) -> str:
-        """Follow a segment and, if it goes beyond its end, return to it; return a sentence if the arm cannot."""
+        """Follow a segment, and come back to its end if it goes beyond; return a sentence if the arm cannot."""
         if segment.name == "lower":
             return await self._lower(number, segment)
         reason = await self.follow(number, segment, speed_m_s)
@@ -323,9 +323,9 @@ class CircleSuturing:
         return reason
 
     async def leave(self, number: int, *planned: Segment) -> None:
-        """Retreat from where the jaws let go, as planned from a suture's end, as far as possible.
+        """Retreat along the planned way out, shifted to where the jaws let go, as far as possible.
 
-        Corrections made for the needle do not apply to empty jaws; the path is cut short as the planned one is.
+        Corrections for the needle do not apply to empty jaws. The shifted path is cut short like the planned one.
         """
         off = self.hand.q - next((segment.q[0] for segment in planned if len(segment.q)), self.hand.q)
         from_here = [replace(segment, q=segment.q + off) for segment in planned]
@@ -365,7 +365,7 @@ class CircleSuturing:
         )
 
     def _speed_m_s(self, stretch: Stretch) -> float | None:
-        """Return the mean speed of a stretch through the surface, where it is not the usual one."""
+        """Return the mean speed of a stretch through the surface; None elsewhere: the usual speed."""
         if stretch.aim is not Aim.TIP or not stretch.looks:
             return None
         return self.settings.entry_speed_m_s if stretch.fixed_wrist else self.settings.exit_speed_m_s
@@ -383,7 +383,7 @@ def run_up(q: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:
 
 
 def along(q: NDArray[np.float64], seconds: float) -> Trajectory:
-    """Return the motion through a dense joint path (k, 6), k > 1, from rest to rest with the least jerk."""
+    """Return the minimum-jerk motion from rest to rest through a dense joint path (k, 6), k > 1."""
     count = max(2, math.ceil(seconds / KNOT_S))
     times = np.linspace(0.0, max(seconds, count * 1e-3), count + 1)
     tau = times / times[-1]

@@ -1,4 +1,4 @@
-"""A needle that jaws have lost: where on its way through the tissue it may be, and where it lies if it fell."""
+"""Find a needle that jaws have lost: on its path through the tissue, or on the phantom if it fell."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from trocar.tasks.suture.agents.circle import CircleSuturing
 
 APART_RAD = math.radians(25.0)
-"""Rotations of the needle from which it is searched for on its way."""
+"""Largest rotation between the poses on the needle's path at which the search for it starts."""
 ON_ARC = np.diag(np.array([0.8e-3, 0.8e-3, 0.8e-3, 0.05, 0.05, 0.16]) ** 2)
-"""How well the place of a needle near one of these is known: covariance of a twist in its frame, m and rad."""
+"""How well a needle near one of these poses is known: covariance of a twist in its frame, m and rad."""
 LOOKING_OVER_S = 0.5
-"""Declared for finding a needle in an image of the whole phantom."""
+"""Declared time to find a needle in an image of the whole phantom."""
 STEP_RAD = math.radians(1.0)
 OFF_ARC_M = 2.0e-3
-"""A needle whose tip or tail is further than this off its way is not on it."""
+"""A needle whose tip or tail is further than this from its path is not on the path."""
 
 
 def places_on_arc(grip: Grip) -> Iterator[NeedleEstimate]:
-    """Yield where, in the arm's base, a needle that this grip lost may be, the place that the grip led to first."""
+    """Yield possible poses, in the arm's base, of a needle that this grip lost; the end of the grip first."""
     first, last = grip.turn_rad[0], tail_out_rad(grip.setup)
     turns = np.linspace(last, first, 1 + math.ceil((last - first) / APART_RAD))
     for turn in sorted(turns, key=lambda each: abs(each - grip.turn_rad[1])):
@@ -47,9 +47,9 @@ def places_on_arc(grip: Grip) -> Iterator[NeedleEstimate]:
 
 
 def grip_from(grip: Grip, T_base_needle: SE3) -> Grip | None:
-    """Return what is left of a grip's way for a needle that rests here.
+    """Return the rest of a grip for a needle that rests here.
 
-    None if it is not on its way, or open jaws would meet the tissue there.
+    None if the needle is not on its path, or open jaws would meet the tissue there.
     """
     turns = np.arange(grip.turn_rad[0], tail_out_rad(grip.setup), STEP_RAD)
     T_circle_needle = grip.setup.T_base_circle.inverse() @ T_base_needle
@@ -62,7 +62,7 @@ def grip_from(grip: Grip, T_base_needle: SE3) -> Grip | None:
 
 
 def _clear(grip: Grip) -> bool:
-    """Return whether open jaws, wrist and shaft come to a grip above the tissue."""
+    """Return whether open jaws, wrist and shaft stay above the tissue on their way to a grip."""
     setup, q = grip.setup, reach_segment(grip).q
     if not np.isfinite(q).all():
         return False
@@ -72,7 +72,7 @@ def _clear(grip: Grip) -> bool:
 
 
 async def drive_on(agent: CircleSuturing, number: int, segment: Segment) -> bool:
-    """Have the first arm find the needle that its jaws lost along a segment, take it again, and drive it to the end.
+    """Find the needle that the first arm lost along a segment, take it again, and drive it to the end.
 
     Returns:
         Whether the jaws hold it there; else they are open.
@@ -108,7 +108,7 @@ async def drive_on(agent: CircleSuturing, number: int, segment: Segment) -> bool
 
 
 def nearest_pose(way: SE3, T_needle: SE3, needle: Needle) -> int | None:
-    """Return at which of these poses (n,) a needle is that is seen here; None if it is not on this way."""
+    """Return the index of the pose (n,) on a path that is nearest to a needle's; None if it is not on the path."""
     ends = needle.point_m(np.array([0.0, needle.arc_rad]))
     places = [np.linalg.norm(way.apply(end) - at, axis=-1) for end, at in zip(ends, T_needle.apply(ends), strict=True)]
     off_m = np.max(places, axis=0)
@@ -117,7 +117,7 @@ def nearest_pose(way: SE3, T_needle: SE3, needle: Needle) -> int | None:
 
 
 async def look_over(tracker: NeedleTracker, hand: ArmScript) -> LyingNeedle | None:
-    """Look at the whole phantom, which no arm hides, and return where a needle lies on it; None: none is seen."""
+    """Look at the whole phantom, with no arm in the way; return where a needle lies on it, None if none is seen."""
     image = await tracker.camera.capture()
     T_camera_floor = tracker.T_base_camera.inverse() @ tracker.setup.T_base_circle
     if not isinstance(image, RgbdImage):

@@ -1,4 +1,4 @@
-"""A filter of the errors of the arm's tip and of the needle in its jaws."""
+"""A Gaussian filter that estimates the errors of the arm's tip and of the needle in its jaws."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from trocar.geometry import SE3, SO3
 from trocar.tasks.suture.perception import NeedleSighting
 
 LASTING, NEEDLE = slice(0, 6), slice(6, 12)
-"""Parts of the state: the tip's lasting error, and how the needle lies in the jaws, or where it rests without them. The
-joints' fading errors follow, six for each place where the arm has looked at the needle, let go of it or taken it."""
+"""Parts of the state: the tip's lasting error, and the needle's error, in the jaws or where it rests without them. The
+joints' fading errors follow, six for each place where the arm has looked at the needle, released it or grasped it."""
 LASTING_SD = np.repeat([0.25e-3, 0.010], 3)
 """SDs of the tip's lasting error, m and rad: what registration and fitted cables leave at difficulty `recorded`."""
 FADING_SD = np.array([1.6e-3, 1.6e-3, 0.27e-3, 0.009, 0.027, 0.018])
-"""SDs of the joints' fading errors, rad and m, likewise. Most comes from pitch and yaw of the wrist: they shift the tip
-as they turn it, so that a needle whose attitude is hardly seen is known by its place."""
+"""SDs of the joints' fading errors, rad and m, likewise. Those of wrist pitch and yaw matter most: they shift the tip
+as they turn it, so the place of a needle tells about its attitude, which is hardly seen."""
 FADES_M = np.array([30e-3, 30e-3, 30e-3, 5e-3, 5e-3, 5e-3])
-"""Distance between two places of the jaws over which their errors' correlation falls to 1/e, wherever the jaws were
-meanwhile: jaws that come back err much as they did there. (In 96 sutures at `recorded`, yaw just before the exit
-correlated by .69 with yaw at the end of the rotation, 8 deg of push away, and by .23 with it where the push began,
-35 deg away; q1 and q2 by .98 and .75.)"""
+"""Distance between two places of the jaws at which the correlation of the joints' errors falls to 1/e. It does not
+matter where the jaws were in between: back at a place, they err much as before. (In 96 sutures at `recorded`, the error
+of yaw just before the exit correlated by .69 with that at the end of the rotation, 8 deg of push away, and by .23 with
+that at the start of the push, 35 deg away; q1 and q2 by .98 and .75.)"""
 FLEETING, FLEES_S = np.array([0.0, 0.0, 0.0, 0.2, 0.2, 0.2]), 1.5
-"""Share of the variance that no way repeats, and the time over which its correlation falls to 1/e."""
+"""Share of the variance that does not repeat at a place, and the time in which its correlation falls to 1/e."""
 MOST_PLACES = 12
-"""Places further back are forgotten."""
+"""Maximum number of places in the state; older ones are forgotten."""
 LOADED = np.diag(np.array([0.6e-3, 0.6e-3, 0.6e-3, 0.08, 0.09, 0.08]) ** 2)
 """How accurately a person loads a needle: covariance in the grasp's axes, which are the jaws' closing direction, along
 the wire, and across both; shift, m, and rotation, rad."""
 PIVOT_M = 16e-3
-"""Closing jaws that push a needle aside rotate it about its part in the tissue, this far away: about its tip."""
+"""Closing jaws that push a needle aside rotate it about the part in the tissue, near its tip, this far away."""
 ASIDE_SD_M = 0.35e-3
-"""SD of how far they push it."""
+"""SD of how far closing jaws push a needle aside."""
 _ASIDE = ASIDE_SD_M * np.array([1.0, 0.0, 0.0, 0.0, -1.0 / PIVOT_M, 0.0])
 CLOSING = np.outer(_ASIDE, _ASIDE) + np.diag(np.array([0.0, 0.04e-3, 0.04e-3, 0.002, 0.003, 0.012]) ** 2)
-"""Covariance of what closing jaws do to a needle that the tissue holds: in 190 grips at `recorded` they pushed the wire
-.34 mm aside, and its tip .05 mm."""
+"""Covariance of the twist by which closing jaws move a needle that the tissue holds. (In 190 grips at `recorded`, they
+pushed the wire .34 mm aside, and its tip .05 mm.)"""
 TAKING = np.outer(_ASIDE, _ASIDE) + np.diag(np.array([0.0, 0.1e-3, 0.1e-3, 0.005, 0.008, 0.045]) ** 2)
-"""Likewise of a needle that a stand or other jaws hold."""
+"""Likewise for a needle that a stand or other jaws hold."""
 FLAT = np.array([0, 5])
 FLAT_SD = np.array([0.09e-3, 0.02])
 """SDs with which flat jaws constrain the wire, m and rad: its shift along their closing direction, and its rotation
 about the normal of wire and closing direction. (In the same grips, .07 mm and .015 rad.)"""
 CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
-"""Covariance of a camera's place in the arm's base, m: all sightings share this error."""
+"""Covariance of the camera's position in the arm's base, m; all sightings share this error."""
 DOUBT = 4.0
 """After a rejected sighting, all variances are multiplied by this."""
 DOUBTS = 2
@@ -62,7 +62,7 @@ class NeedleEstimate:
     """A pose with its uncertainty.
 
     Attributes:
-        T_base_needle: of the needle in the arm's registered base.
+        T_base_needle: pose of the needle in the arm's registered base.
         covariance: (6, 6) of a twist of the needle in its own frame, m and rad.
     """
 
@@ -70,7 +70,7 @@ class NeedleEstimate:
     covariance: NDArray[np.float64]
 
     def updated(self, T_base_camera: SE3, seen: NeedleSighting) -> NeedleEstimate | None:
-        """Return the estimate after a sighting fitted from here; None if that lies further off than chance explains."""
+        """Return the estimate after a sighting that was fitted with this one as prior; None if it is an outlier."""
         T_base_needle = T_base_camera @ seen.T_camera_needle
         away = (self.T_base_needle.inverse() @ T_base_needle).log()
         known = np.linalg.inv(self.covariance)
@@ -81,16 +81,16 @@ class NeedleEstimate:
 
 
 class NeedleEstimator:
-    """A normal distribution of twists, small enough to add up.
+    """A Gaussian filter over errors, as twists that are small enough to add up.
 
-    The tip's error is a shift and a rotation about the tip, both in the base's axes; one part of it lasts for the whole
-    session, the other comes from errors of the joints, which depend on where the jaws are, and on the time. The
-    needle's error is a twist in its own frame, of how it lies in the jaws, or of where it rests while something else
-    holds it.
+    The tip's error is a shift and a rotation about the tip, both in the base's axes. One part of it lasts for the whole
+    session; the other comes from errors of the joints, which depend on where the jaws are, and on the time. The
+    needle's error is a twist in its own frame: of its pose in the jaws or, while something else holds it, of the pose
+    in which it rests.
 
     Args:
         arm: the arm.
-        now_s: tells the time.
+        now_s: returns the time.
     """
 
     def __init__(self, arm: ArmModel, now_s: Callable[[], float]) -> None:
@@ -99,7 +99,7 @@ class NeedleEstimator:
         self._begin()
 
     def _begin(self) -> None:
-        """Start knowing only how large errors are."""
+        """Start with no estimate, only the SDs of the errors."""
         self._doubts = 0
         self._places = np.zeros((0, 4))  # of the tip in the base, m, and the time there, s
         self._mean = np.zeros(12)
@@ -107,11 +107,11 @@ class NeedleEstimator:
 
     @property
     def rests(self) -> bool:
-        """Return whether something else than the jaws holds the needle still."""
+        """Return whether something other than the jaws holds the needle still."""
         return self._T_base_resting is not None
 
     def tip_error(self, T_base_tip: SE3) -> NDArray[np.float64]:
-        """Return the expected error (6,) of a tip that is asked to be here: shift and rotation in the base's axes."""
+        """Return the expected error (6,) of a tip commanded to this pose: shift and rotation in the base's axes."""
         return np.asarray(self._tip_parts(T_base_tip)[0] @ self._mean)
 
     def loaded(self, T_tip_needle: SE3) -> None:
@@ -123,7 +123,7 @@ class NeedleEstimator:
         self._closed(LOADED)
 
     def resting(self, needle: NeedleEstimate) -> None:
-        """Note that something else holds the needle still, about here in the arm's base."""
+        """Note that something other than the jaws holds the needle still, about here in the arm's base."""
         self._T_base_resting = needle.T_base_needle
         self._forget_needle()
         self._covariance[NEEDLE, NEEDLE] = needle.covariance
@@ -138,7 +138,13 @@ class NeedleEstimator:
         self._mean[NEEDLE], self._T_base_resting = 0.0, needle.T_base_needle
 
     def regrasped(self, T_base_tip: SE3, T_tip_needle: SE3, closing: NDArray[np.float64] = CLOSING) -> None:
-        """Account for the jaws closing, here and as planned, on a needle that rested, and that they move so much."""
+        """Account for the jaws closing here on a resting needle, in the planned grasp, and moving it a little.
+
+        Args:
+            T_base_tip: pose to which the tip is commanded.
+            T_tip_needle: planned pose of the needle in the jaws.
+            closing: covariance (6, 6) of the needle's motion, in the grasp's axes.
+        """
         self._visit(T_base_tip)
         needle = self.needle(T_base_tip).T_base_needle
         self._T_tip_needle_planned, self._T_base_resting = T_tip_needle, None
@@ -151,7 +157,7 @@ class NeedleEstimator:
         self._closed(closing)
 
     def needle(self, T_base_tip: SE3) -> NeedleEstimate:
-        """Return where the needle is if the tip is asked to be here."""
+        """Return the estimate of the needle while the tip is commanded to this pose."""
         of_needle, left = self._of_needle(T_base_tip)
         covariance = of_needle @ self._covariance @ of_needle.T + left
         if self._T_base_resting is not None:
@@ -159,19 +165,19 @@ class NeedleEstimator:
         return NeedleEstimate(self.tip(T_base_tip) @ self.T_tip_needle, covariance)
 
     def tip(self, T_base_tip: SE3) -> SE3:
-        """Return where the tip is if it is asked to be here."""
+        """Return the estimate of the tip's pose while it is commanded to this one."""
         off = self.tip_error(T_base_tip)
         return SE3.from_parts(SO3.exp(off[3:]) @ T_base_tip.rotation, T_base_tip.translation_m + off[:3])
 
     @property
     def T_tip_needle(self) -> SE3:
-        """Return how the needle lies in the jaws, as planned while it rests without them."""
+        """Return the estimated pose of the needle in the jaws; as planned while something else holds the needle."""
         return self._T_tip_needle_planned @ SE3.exp(np.zeros(6) if self.rests else self._mean[NEEDLE])
 
     def update(self, T_base_tip: SE3, T_base_camera: SE3, seen: NeedleSighting) -> bool:
-        """Update with a sighting, fitted from where :meth:`needle` predicts it; return whether it was accepted.
+        """Update with a sighting that was fitted with :meth:`needle` as prior; return whether it was accepted.
 
-        It is not if it lies further off than chance explains.
+        A sighting that lies further off than chance explains is rejected.
         """
         before = self.needle(T_base_tip)
         after = before.updated(T_base_camera, seen)
@@ -192,7 +198,7 @@ class NeedleEstimator:
         return True
 
     def doubt(self) -> None:
-        """Become less certain: of a needle that rests, or else of everything."""
+        """Increase the variances: of the needle if it rests, or else of everything."""
         if self.rests:
             self._covariance[NEEDLE] *= np.sqrt(DOUBT)
             self._covariance[:, NEEDLE] *= np.sqrt(DOUBT)
@@ -214,7 +220,10 @@ class NeedleEstimator:
         return np.append(T_base_tip.translation_m, self._now_s())
 
     def _fading(self, T_base_tip: SE3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the effect (6, n) of the state on the joints' errors here, and the covariance (6, 6) of the rest."""
+        """Return the effect (6, n) of the state on the joints' errors here, and the covariance (6, 6) of the rest.
+
+        The errors at the places of the state predict those here by Gaussian process regression, joint by joint.
+        """
         here, alone = np.zeros((6, len(self._mean))), np.ones(6)
         if len(self._places):
             among = alike(self._places, self._places) + 1e-6 * np.eye(len(self._places))
@@ -249,7 +258,7 @@ class NeedleEstimator:
         return found, left
 
     def _mix(self, of_needle: NDArray[np.float64]) -> None:
-        """Replace the needle's part of the state by a combination (6, n) of all."""
+        """Replace the needle's part of the state by a linear combination (6, n) of the whole state."""
         mix = np.eye(len(self._mean))
         mix[NEEDLE] = of_needle
         self._mean, self._covariance = mix @ self._mean, mix @ self._covariance @ mix.T
@@ -263,7 +272,7 @@ class NeedleEstimator:
         self._covariance[:, NEEDLE] = 0.0
 
     def _closed(self, covariance: NDArray[np.float64]) -> None:
-        """Account for the jaws closing: this moved the needle by some amount, and put its wire into their plane."""
+        """Account for the jaws closing: they moved the needle with this covariance, and its wire is in their plane."""
         of_grasp = self._T_needle_grasp().adjoint()
         self._covariance[NEEDLE, NEEDLE] += of_grasp @ covariance @ of_grasp.T
         flat = np.zeros((2, len(self._mean)))
@@ -284,7 +293,7 @@ class NeedleEstimator:
 
 
 def alike(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the correlations (6, n, m) of the joints' errors at places (n, 4) and (m, 4): m in the base, and s."""
+    """Return the correlations (6, n, m) of the joints' errors at places (n, 4) and (m, 4): position m, and time s."""
     apart_m = np.linalg.norm(first[:, None, :3] - second[:, :3], axis=-1)
     apart_s = np.abs(first[:, None, 3] - second[:, 3])
     stays = 1.0 - FLEETING[:, None, None] * (1.0 - np.exp(-apart_s / FLEES_S))

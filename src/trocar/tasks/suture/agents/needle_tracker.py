@@ -1,4 +1,4 @@
-"""Looks at the needle while it is driven: where along a suture, what they tell, and how the arm's path is corrected."""
+"""Look at the needle while it is driven: plan the looks, estimate its pose from them, and correct the arm's path."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
 MISLOADED_M, MISLOADED_RAD = 2.5e-3, 0.25
 """A needle that lies this far from where a person should have put it is loaded again."""
 ROUND_PX = 32
-"""Margin around the needle in the pixels that are read out."""
+"""Margin around the needle of the window that is read out."""
 BEFORE_ENTRY_M = 2e-3
-"""Distance of the last look before the tissue, along the needle's path."""
+"""Distance from the tissue, along the needle's path, at which the last looks before the entry take place."""
 PAST_ENTRY_M = 2.5e-3
-"""From there the tip goes in this far without a pause, with the wrist at rest, because cables that reverse would move
-it just at the entry. Also, the unrepeatable errors change within a second: the sooner the tip is there, the better what
-was seen still holds."""
+"""From there the tip goes in this far without a pause and with the wrist at rest: reversing cables would move it just
+at the entry. Also, unrepeatable errors change within a second: the sooner the tip is there, the better the last look
+still holds."""
 BEFORE_EXIT_RAD, WELL_BEFORE_EXIT_RAD = np.radians(8.0), np.radians(16.0)
-"""Angle of the last look before the tip comes out, about the needle's centre, and of another before it: after the jaws
-have closed elsewhere, cable errors may bring the tip out early."""
+"""Rotation of the needle left before its tip comes out, at the last looks and at one look before them. That one is
+needed because cable errors after a regrasp may bring the tip out early."""
 HIGH_LOOKS, ENTRY_LOOKS, EXIT_LOOKS = 2, 4, 3
-"""Greatest number of looks above the tissue, just before the needle goes in, and just before it comes out."""
+"""Maximum number of looks above the tissue, just before the needle goes in, and just before it comes out."""
 FINDING_LOOKS = 3
-"""Greatest number of looks for a needle that something else than the driving jaws holds."""
+"""Maximum number of looks in one call of ``find``."""
 
 
 class Aim(Enum):
@@ -61,7 +61,7 @@ class Stretch:
     """A part of the path without a look.
 
     Attributes:
-        segment: to be followed.
+        segment: the path to follow.
         first: whether it is the first of its step.
         looks: maximum number of looks at the needle before it. If more than one is allowed, the arm goes to the
             stretch's corrected start after each; otherwise it joins the corrected path on the way.
@@ -81,8 +81,8 @@ def stretches(segments: Sequence[Segment], setup: SutureSetup, to_the_end: bool 
 
     Once the tip is out, the needle is looked at only if its pose matters ``to_the_end``.
 
-    The arm stops at the surface neither on the way in nor on the way out: when it starts again, reversed cables take up
-    their play, just where the position of the needle's tip counts.
+    The arm stops at the surface neither on the way in nor on the way out: as it starts again, the cables would take up
+    their play just where the position of the needle's tip counts.
     """
     exit_rad = setup.exit_turn_rad
     steps = {step.name: step for step in driven_steps(setup)}
@@ -108,7 +108,7 @@ def stretches(segments: Sequence[Segment], setup: SutureSetup, to_the_end: bool 
 
 
 def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
-    """Return a stretch divided at a share of its length, with the last looks in between; whole if it ends before."""
+    """Return a stretch divided at a share of its length, with looks in between; whole if the share is outside it."""
     segment = whole.segment
     steps = len(segment.q) - 1
     place = round(share * steps) if np.isfinite(share) else 0
@@ -120,7 +120,7 @@ def _cut(whole: Stretch, share: float, looks: int) -> list[Stretch]:
 
 
 def _joined_at_entry(found: Sequence[Stretch]) -> list[Stretch]:
-    """Return the stretches with the rest of the approach after the last looks and the tip's entry joined."""
+    """Return the stretches with the end of the approach, after the last looks, and the tip's entry joined into one."""
     joined: list[Stretch] = []
     for stretch in found:
         last = joined[-1] if joined else stretch
@@ -145,19 +145,19 @@ class NeedleTracker:
     Of several cameras with depth, the one nearest to the circle is used.
 
     Args:
-        cell: with a camera that shows depth.
+        cell: cell with a camera that shows depth.
         hand: the arm.
-        setup: of the sutures, with the registered base and circle.
-        settings: number of images per look, and what is declared for finding the needle in them.
+        setup: geometry of the sutures, with the registered base and circle.
+        settings: number of images per look, and the declared times to find the needle in them.
         others: other arms, which may hide the needle.
 
     Attributes:
-        estimator: of the errors of the arm's tip and of the needle in its jaws.
-        setup: geometry in which the needle was taken last.
-        seen: whether the needle was seen at the last look.
-        T_base_floor: the plane over which the needle is seen, z up: the circle's, if nothing else is said.
-        camera: with which it looks.
-        T_base_camera: where that is, as far as looks tell.
+        estimator: estimates the errors of the arm's tip and of the needle in its jaws.
+        setup: geometry in which the needle was last grasped.
+        seen: whether the last look saw the needle, and the estimator accepted it.
+        T_base_floor: the plane over which the needle is seen, z up; by default the circle's.
+        camera: the camera for the looks.
+        T_base_camera: its pose: as registered, then corrected by the floor that looks show.
 
     Raises:
         InvalidInput: no camera shows depth.
@@ -196,12 +196,12 @@ class NeedleTracker:
         self.estimator.loaded(self.T_tip_needle_planned)
 
     def rests(self, needle: NeedleEstimate) -> None:
-        """Note that something else holds the needle still, about here in the arm's base."""
+        """Note that something other than the jaws holds the needle still, about here in the arm's base."""
         self.estimator.resting(needle)
         self.seen = False
 
     def took(self, setup: SutureSetup) -> None:
-        """Note that the jaws have closed, in the grasp of this setup, on the needle that something else held."""
+        """Note that the jaws have closed, in this setup's grasp, on a needle that something else held."""
         self.setup, self._grips = setup, 0
         self.estimator.regrasped(self._T_base_tip, self.T_tip_needle_planned, TAKING)
 
@@ -211,14 +211,14 @@ class NeedleTracker:
         return self.estimator.needle(self._T_base_tip)
 
     def towards_needle(self, segment: Segment, T_base_needle: SE3) -> Segment:
-        """Return a way that was planned to or from a needle resting at ``T_base_needle``, where it really is."""
+        """Return a path, planned to or from a needle at ``T_base_needle``, moved to where the needle really rests."""
         planned = fk(self._hand.model, segment.q)
         self._tip_error = self.estimator.tip_error(planned[-1])
         wanted = self.needle.T_base_needle @ T_base_needle.inverse() @ planned
         return self._reaching(segment, wanted)
 
     def with_needle(self, segment: Segment) -> Segment:
-        """Return a way on which the needle, however it lies in the jaws, goes as planned, from where the arm is."""
+        """Return a path from where the arm is, on which the needle moves as planned, however it lies in the jaws."""
         T_base_tip = fk(self._hand.model, segment.q)
         planned = T_base_tip @ self.T_tip_needle_planned
         self._tip_error, self._T_tip_needle = self.estimator.tip_error(T_base_tip[-1]), self.estimator.T_tip_needle
@@ -240,13 +240,13 @@ class NeedleTracker:
         self.estimator.released(self._T_base_tip)
 
     def gripped(self, lost: bool = False) -> None:
-        """Note that the jaws have closed again on the needle, further back if they had not ``lost`` it."""
+        """Note that the jaws have closed on the needle again: further back along it, unless they had ``lost`` it."""
         self._grips += not lost
         if self.estimator.rests:
             self.estimator.regrasped(self._T_base_tip, self.T_tip_needle_planned)
 
     def aim(self, stretch: Stretch) -> None:
-        """Correct the path from now on by the estimates of arm and needle."""
+        """Correct the path from now on by the present estimates of arm and needle."""
         self._tip_error, self._T_tip_needle = self.estimator.tip_error(self._T_base_tip), self.estimator.T_tip_needle
         self._aim, self._fixed_wrist = stretch.aim, stretch.fixed_wrist
 
@@ -258,7 +258,7 @@ class NeedleTracker:
         return segment if segment.name == "lower" or len(segment.q) < 2 else self._from_here(segment)
 
     def _from_here(self, segment: Segment) -> Segment:
-        """Return a segment that begins where the arm is, and joins the given one up to its end."""
+        """Return a segment that begins where the arm is, and blends into the given one towards its end."""
         left = np.linspace(1.0, 0.0, len(segment.q))[:, None]
         return replace(segment, q=segment.q + left * (self._hand.q - segment.q[0]))
 
@@ -296,7 +296,7 @@ class NeedleTracker:
         return q
 
     def _reaching(self, segment: Segment, wanted: SE3) -> Segment:
-        """Return a segment with the commands, near its own, that bring the tip to these poses (k,) in the base."""
+        """Return a segment with the commands, near its joints, that bring the tip to these poses (k,) in the base."""
         off = self._tip_error
         commanded = SE3.from_parts(SO3.exp(-off[3:]) @ wanted.rotation, wanted.translation_m - off[:3])
         return replace(segment, q=ik_unbounded(self._hand.model, commanded, near=segment.q))
@@ -329,7 +329,7 @@ class NeedleTracker:
         return seen is not None and not accepted
 
     async def find(self) -> bool:
-        """Look until the needle is seen, less certain each time of where it is; return whether it was."""
+        """Look until the needle is seen, each time expecting it less exactly; return whether it was seen."""
         for _ in range(FINDING_LOOKS):
             await self.look()
             if self.seen:
@@ -375,7 +375,7 @@ class NeedleTracker:
         )
 
     def _level(self, images: Sequence[RgbdImage], expected: NeedleEstimate) -> None:
-        """Correct the camera's height by the floor that it shows: an error of it moves the entry 1.7 times as much."""
+        """Correct the camera's height by the floor that it shows; an error there moves the entry 1.7 times as much."""
         T_camera_base = self.T_base_camera.inverse()
         places = T_camera_base @ expected.T_base_needle, self.setup.needle, T_camera_base @ self.T_base_floor
         if (height_m := floor_height_m(images, *places)) is not None:
@@ -388,6 +388,6 @@ class NeedleTracker:
 
     @property
     def T_tip_needle_planned(self) -> SE3:
-        """Return how the needle should lie in the jaws after the regrasps so far."""
+        """Return the planned pose of the needle in the jaws after the regrasps so far."""
         back = SE3.from_parts(SO3.axis("z", -self._back_rad[self._grips]))
         return (back @ grasp_pose(self.setup)).inverse()

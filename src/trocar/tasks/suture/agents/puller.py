@@ -20,9 +20,9 @@ from trocar.tasks.suture.planning.segments import Segment
 from trocar.trajectory import Trajectory
 
 TRIES, WAIT_S = 20, 0.25
-"""How often, and how long after one another, an arm tries to move while the other is in its way."""
+"""How often an arm tries to move while the other is in its way, and the time between two attempts."""
 GRASPS = 3
-"""How often the jaws are closed on the needle, until they hold it."""
+"""How often the jaws try to grasp the needle."""
 
 
 class Puller:
@@ -31,7 +31,7 @@ class Puller:
     Attributes:
         hand: the arm.
         home: (6,) where it rests while the other arm drives.
-        tracker: of the needle in its jaws; None: it works without looks.
+        tracker: tracks the needle for this arm; None: it works without looks.
     """
 
     def __init__(self, cell: Cell, hand: ArmScript, settings: Settings):
@@ -53,8 +53,8 @@ class Puller:
         """Grasp the needle that the other arm, or the tissue, holds; return whether the jaws hold it.
 
         Args:
-            grip: as planned.
-            needle: where it is, in this arm's base; None: where it should be.
+            grip: the planned grip.
+            needle: the needle's pose in this arm's base; None: as planned.
         """
         reach = reach_segment(grip)
         T_base_needle = (grip.setup.T_base_circle @ grip.T_circle_needle(np.array([grip.turn_rad[0]])))[0]
@@ -76,9 +76,9 @@ class Puller:
         return False
 
     async def pull(self, pull: Pull) -> bool:
-        """Pull the needle, which the jaws hold in the first grip, through along its arc, draw it out and lift it.
+        """Pull the needle through along its arc in two grips, draw it out and lift it.
 
-        Where they lose it in the tissue, they take it again.
+        The jaws already hold the needle in the first grip. If they lose it in the tissue, they take it again.
 
         Returns:
             Whether the jaws still hold it.
@@ -96,7 +96,7 @@ class Puller:
         return await self.grasp(last, needle) and await self._carry(last, out=True)
 
     async def _carry(self, grip: Grip, out: bool = False) -> bool:
-        """Move the needle along a grip's way, and then out; take it again where the jaws lose it in the tissue.
+        """Move the needle along a grip's path, then ``out``; take it again if the jaws lose it in the tissue.
 
         Returns:
             Whether the jaws hold it at the end.
@@ -110,7 +110,7 @@ class Puller:
         return False
 
     async def _take_again(self, grip: Grip) -> Grip | None:
-        """Find the needle that the jaws lost, and grasp it; return what is left of the grip's way, if they have it."""
+        """Find and grasp the needle that the jaws lost; return the rest of the grip, or None if that failed."""
         if not self.tracker:
             return None
         self.cell.log.event("needle lost", arm=self.hand.name)
@@ -146,7 +146,7 @@ class Puller:
         """Bring the needle to where the other arm takes it, and look at it.
 
         Returns:
-            Whether it is there, and the jaws can leave it there.
+            Whether the jaws hold it there, and can leave it there.
         """
         there = handover.part.first(1)
         way = self.tracker.with_needle(replace(there, q=np.repeat(there.q, 2, axis=0))) if self.tracker else there
@@ -174,11 +174,11 @@ class Puller:
         await self._go(reach_segment(pull.grips[0]).q[0])
 
     async def go_home(self) -> None:
-        """Go to where this arm is in nobody's way."""
+        """Go to where this arm rests, in nobody's way."""
         await self._go(self.home)
 
     async def _go(self, q: NDArray[np.float64]) -> None:
-        """Go to joints (6,), or stay where that is refused: what follows starts from there."""
+        """Go to joints (6,), or stay if that is refused: later motions start from wherever the arm is."""
         try:
             await self.hand.go(q)
         except MotionRefused as error:

@@ -33,7 +33,7 @@ from trocar.tasks.suture.stand import T_stand_needle
 PARTS = (1.0, 0.6, 0.3)
 """Shares of a way up that are tried, one after the other."""
 IN_STAND = np.diag(np.repeat([0.5e-3, 0.06], 3) ** 2)
-"""How accurately a person sets up the needle: covariance of a twist in its frame, m and rad."""
+"""How accurately a person sets up the needle: covariance of a twist in the needle's frame, m and rad."""
 
 
 class TwoArmSuturing(CircleSuturing):
@@ -118,12 +118,12 @@ class TwoArmSuturing(CircleSuturing):
                 await self.clock.sleep(WAIT_S)
 
     def _beside(self, action: Callable[..., Awaitable[Any]], *args: Any) -> None:
-        """Start something that goes on beside this suture."""
+        """Start an action that runs beside this suture."""
         if self._helpers is not None:
             self._helpers.start_soon(action, *args)
 
     async def take_needle(self, number: int) -> End | None:
-        """Take the needle from its stand, or from the second arm; return how the suture ended, if that failed."""
+        """Take the needle from its stand, or from the second arm; return the suture's end if that failed."""
         if self._lost:
             return End(SutureOutcome.NOT_DRIVEN, f"suture {number + 1}: {self._lost}")
         self._lost = f"no arm holds the needle as it is needed, since suture {number + 1}"  # until the second one does
@@ -136,7 +136,7 @@ class TwoArmSuturing(CircleSuturing):
         return End(SutureOutcome.NEEDLE_DROPPED, f"suture {number + 1}: the needle is not seen in the first arm's jaws")
 
     async def leave(self, number: int, *planned: Segment) -> None:
-        """Retreat as planned, or, where the commands do not allow that, straight up, as far as they do."""
+        """Retreat as planned; if that is refused from the start, rise straight up as far as possible."""
         before = self.hand.q
         await super().leave(number, *planned)
         if np.abs(self.hand.q - before).max() > JOINED:
@@ -221,7 +221,7 @@ class TwoArmSuturing(CircleSuturing):
         return End(SutureOutcome.HANDOVER_REFUSED, f"suture {number + 1}: at the handover, {reason}")
 
     async def _take(self, take: Segment, T_base_needle: SE3) -> str:
-        """Close the jaws on the needle that rests about here in this arm's base; return in words why they could not."""
+        """Grasp the needle that rests near this pose in the arm's base; return in words why that failed."""
         await self.hand.jaw(self.settings.jaw_open_rad)
         for _ in range(GRASPS):
             way = self.tracker.towards_needle(take, T_base_needle) if self.tracker else take

@@ -33,7 +33,7 @@ class Demonstrations:
         places_rad: (p,) ascending, in [0, 2 pi), counterclockwise from x of the circle.
         per_arm: (arms, p) mean of ``|J J^T|`` over a recording's rows, in m^4.
         source: origin of the recordings, and what was assumed in reading them, in words.
-        sd: (p,) standard deviation over the recordings at a place of their mean over the arms; 0 where there is one.
+        sd: (p,) standard deviation, over the recordings at a place, of the mean over the arms; 0 where there is one.
     """
 
     places_rad: NDArray[np.float64]
@@ -54,7 +54,7 @@ class Demonstrations:
 def demonstrations_from_joints(
     thetas_rad: ArrayLike, joints: Sequence[NDArray[np.float64]], arms: Sequence[ArmModel], source: str
 ) -> Demonstrations:
-    """Return the demonstrations made of recorded joint states.
+    """Return the demonstrations computed from recorded joint states.
 
     Args:
         thetas_rad: (r,) position of each recorded suture; recordings at the same place are averaged.

@@ -1,4 +1,4 @@
-"""What ``demonstrations.toml`` says, and its recordings: tables of joint states (.csv), JIGSAWS texts of poses (.txt).
+"""Read ``demonstrations.toml`` and its recordings: tables of joint states (.csv) or JIGSAWS texts of poses (.txt).
 
 A JIGSAWS text has 76 columns at 30 Hz and no header; joints are solved from its poses.
 """
@@ -25,9 +25,9 @@ from trocar.tasks.suture.demonstrations import NAME
 
 KIND = "manifest of demonstrations"
 BEYOND = 0.1
-"""Share of its range by which a recorded joint may leave it: encoders drift, but wrong units exceed it by far."""
+"""A recorded joint may leave its range by this share of it: encoders drift, but wrong units exceed this by far."""
 MIN_TURN_RAD, MIN_DEPTH_M = math.radians(7.0), 0.5e-3
-"""A suture turns some joint, and inserts some instrument, by more than this; radians read as degrees stay below 6.3
+"""Every suture turns some joint, and inserts some instrument, by more than this; radians read as degrees stay below 6.3
 "degrees", and metres read as mm below .3 mm."""
 INSERTION = 2
 UNITS = "the units (angles and lengths in its manifest)"
@@ -47,7 +47,7 @@ Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
 class RecordedSuture(Table):
-    """One recorded suture: file, position on the circle, and of which row to which (excluded) it goes."""
+    """One recorded suture: file, position on the circle, and its rows (the first, and the one after the last)."""
 
     file: Text
     theta_deg: float
@@ -75,7 +75,7 @@ class Manifest(Table):
         arms: names of the recorded arms, in the order of the columns; the paper recorded two.
         angles: unit of rotary joints.
         lengths: unit of the prismatic joint, or of recorded positions.
-        bases: of the arms, for recordings without joints; None: see ``assumed_bases``.
+        bases: bases of the arms, for recordings without joints; None: see ``assumed_bases``.
         recorded_tip_wxyz: rotation of the model's tip frame (z back along the jaws, y the jaw axis) in the recorded
             one.
     """
