@@ -19,16 +19,16 @@ UP = np.array([[0.0, 0.0, 1.0]])
 OFF_WALL_M = 5.0e-3
 """Least distance of instrument and needle from the body wall (assumed)."""
 APART_M = 4.0e-3
-"""Least distance of the two instruments, as a coordinator of arms keeps it."""
+"""Least distance of the two instruments, the same that ``trocar.robots.Coordinator`` keeps by default."""
 
 
 def fingers_above_m(arm: ArmModel, T_circle_tip: SE3, opened: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the height (2, k) of the fingers' lowest corner above the tissue's plane.
 
     Args:
-        arm: whose instrument.
+        arm: the arm that carries the instrument.
         T_circle_tip: (2, k) poses of its tip at theta = 0; other positions only turn them about the vertical.
-        opened: (k,) whether the jaws are open there, at some time.
+        opened: (k,) whether the jaws are open there at some time.
     """
     closed, wide = (_lowest_m(arm, T_circle_tip, jaw) for jaw in (0.0, JAW_OPEN_RAD))
     return np.where(opened, np.minimum(closed, wide), closed)
@@ -48,14 +48,14 @@ def above_tissue_m(
 ) -> NDArray[np.float64]:
     """Return the least height (2, n) of the instrument above the tissue's plane along sutures; NaN counts as high.
 
-    The wrist and the lower end of the shaft are a ball at the wrist's pitch axis, the boss of the jaws is one at their
-    axis. Further up, the shaft rises to the port.
+    The wrist and the lower end of the shaft are modelled as a ball at the wrist's pitch axis, the boss of the jaws as a
+    ball at their axis. Further up, the shaft rises to the port.
 
     Args:
-        arm: whose instrument.
-        T_circle_tip: as above.
-        opened: as above.
-        wrist_yaw_rad: (2, n, k) its last joint.
+        arm: as for ``fingers_above_m``.
+        T_circle_tip: likewise.
+        opened: likewise.
+        wrist_yaw_rad: (2, n, k) the arm's last joint.
     """
     shape = arm.instrument
     yaw_axis, pitch_axis, _ = _heights_m(arm, T_circle_tip, UP, wrist_yaw_rad)
@@ -67,7 +67,7 @@ def above_tissue_m(
 def _heights_m(
     arm: ArmModel, T_circle_tip: SE3, normals: NDArray[np.float64], wrist_yaw_rad: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far the axes of the wrist's yaw and pitch, and the jaws' ends, are along normals (n, 3): (2, n, k)."""
+    """Return the heights (2, n, k) of yaw axis, pitch axis and fingertips along normals (n, 3)."""
     matrix = T_circle_tip.matrix
     along, aside, tip = (
         normals @ part.swapaxes(-1, -2)
@@ -86,16 +86,16 @@ def inside_wall_m(
     T_circle_needle: SE3,
     q: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return by how much (2, n) sutures stay farther from the body wall than they must.
+    """Return the clearance (2, n) of sutures from the body wall, less the required ``OFF_WALL_M``.
 
-    Ports have to lie in the wall. Wrist, jaws and needle, whose arc counts as a whole circle, stay within it, and the
-    drive unit at the shaft's other end outside of it. Between these two the shaft passes through the port.
+    Ports have to lie in the wall. Wrist, jaws and needle, whose arc counts as a whole circle, have to stay inside of
+    it, and the drive unit at the shaft's other end outside. In between, the shaft passes through the port.
 
     Args:
         setup: the geometry.
         thetas_rad: (n,) positions.
         T_circle_tip: (2, k) poses of the arm's tip at theta = 0.
-        T_circle_needle: (2, k) those of the needle.
+        T_circle_needle: (2, k) poses of the needle at theta = 0.
         q: (2, n, k, 6) joints; NaN counts as far away.
     """
     wall, arm, shape = setup.wall, setup.arm, setup.arm.instrument
@@ -128,15 +128,15 @@ def arms_apart_m(
     needle_tip_m: NDArray[np.float64],
     q_end: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return by how much (2, n) the two instruments stay farther from each other than they must.
+    """Return the clearance (2, n) between the two instruments, less the required ``APART_M``.
 
-    That is where the second one comes to grasp the needle: straight from its port to the needle's tip.
+    It counts where the second instrument comes to grasp the needle: straight from its port to the needle's tip.
 
     Args:
         setup: the geometry.
         thetas_rad: (n,) positions.
-        needle_tip_m: (2, 3) where the needle's tip is in the end, in the circle's frame at theta = 0.
-        q_end: (2, n, 6) the first arm's joints there.
+        needle_tip_m: (2, 3) the needle's tip at the end of a suture, in the circle's frame at theta = 0.
+        q_end: (2, n, 6) the first arm's joints then.
     """
     known = np.all(np.isfinite(q_end), axis=-1)
     solids = capsules(setup.arm, np.where(known[..., None], q_end, 0.0))

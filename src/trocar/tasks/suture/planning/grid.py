@@ -21,15 +21,15 @@ from trocar.tasks.suture.planning.rewards import DexterityMap
 from trocar.tasks.suture.planning.setup import DIRECTIONS
 
 ON_GRID = 1e-9
-"""A fixed position, or the bound of a gap, may miss the grid by this share of a step: rounding."""
+"""A fixed position, or the bound of a gap, may miss the grid by this share of a step, because of rounding."""
 FINER, MOST_POSITIONS = 5, 2000
-"""The search at any angles begins on a grid so many times finer, of at most so many positions."""
+"""The search at any angles begins on a grid this many times finer, but with at most this many positions."""
 FINEST_RAD = 1e-6
 """The search at any angles ends when a step is shorter than this."""
 LONGEST_RUN = 12
-"""There, at most so many neighbours move together, or all sutures do."""
+"""The search at any angles moves up to this many neighbours together, or all sutures."""
 SLACK = 1e-9
-"""There, gaps and fixed positions may be missed by this many rad: rounding."""
+"""The search at any angles may miss gaps and fixed positions by this many rad, because of rounding."""
 UNPROVEN = "refined from the best plan on the grid by a local search; nothing is proven for any angles"
 
 
@@ -84,20 +84,20 @@ class Walks:
 
     @property
     def starts(self) -> NDArray[np.intp]:
-        """Return positions (s,) of which each walk visits one: the first fixed, or an arc that no step passes over."""
+        """Return positions (s,) of which each walk visits one: the first fixed one, or an arc that no step skips."""
         return np.array(self.through[:1]) if self.through else np.arange(min(self.max_step, self.positions))
 
     @property
     def _stops(self) -> list[int]:
-        """Return the positions, ahead of the start, that no step passes over, with the start at both ends."""
+        """Return the positions, counted from the start, that no step may skip, with the start at both ends."""
         return [0, *(k - self.through[0] for k in self.through[1:]), self.positions]
 
     def layers(self, around: NDArray, starts: NDArray[np.intp], add: np.ufunc) -> list[NDArray[np.float64]]:
-        """Return what the best walks from these starts have gathered (s, p + 1) after no, one, ... all steps.
+        """Return the values (s, p + 1) of the best walks from each start to each place, after 0, 1, ... all steps.
 
         Args:
             around: value of each position (p,), minus infinity where no walk may go.
-            starts: (s,) positions; columns are the places ahead of them, the last is the start again.
+            starts: (s,) positions; columns are the places counted from them, the last is the start again.
             add: adds a place to a walk: ``np.add`` for sums, ``np.minimum`` for the worst place.
         """
         from scipy.ndimage import maximum_filter1d  # slow to import
@@ -110,7 +110,7 @@ class Walks:
             for stop, following in pairwise(self._stops):
                 first = stop + self.min_step
                 width = min(self.max_step, following - stop) - self.min_step + 1
-                if width > 0:  # a window of this width, up to one shortest step before each place
+                if width > 0:  # the best over a window of this width that ends one shortest step before each place
                     sources = found[-1][:, stop : following + 1 - self.min_step]
                     best[:, first : following + 1] = maximum_filter1d(
                         sources, width, axis=1, mode="constant", cval=-np.inf, origin=(width - 1) // 2
@@ -154,8 +154,8 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
     returned. Positions on the ends of forbidden arcs are allowed; fixed positions must lie on the grid.
 
     Raises:
-        InvalidInput: no plan can meet the spacing; names the numbers that prevent it. Or positions are those of the
-            entries, half a bite from where the sutures hold, so that bounds on them would bound nothing else.
+        InvalidInput: no plan can meet the spacing; the message names the numbers that prevent it. Or the setup's
+            positions are those of the entries: half a bite from where the sutures hold, so that bounds are useless.
 
     Example:
         >>> from math import radians
@@ -182,7 +182,7 @@ def plan_gaps(map: DexterityMap, count: int, spacing: Spacing) -> SuturePlan:
 
 
 def walks_on_grid(positions: int, count: int, spacing: Spacing) -> Walks:
-    """Return the closed walks that meet the spacing apart from its forbidden arcs, or raise InvalidInput."""
+    """Return the closed walks that meet the spacing, apart from its forbidden arcs, or raise InvalidInput."""
     step = TURN / positions
     min_step = max(1, math.ceil(spacing.min_gap_rad / step - ON_GRID))
     max_step = math.floor(spacing.max_gap_rad / step + ON_GRID)
@@ -230,7 +230,10 @@ def ranks(map: DexterityMap) -> NDArray[np.intp]:
 
 
 def plan_on_grid(map: DexterityMap, where: NDArray[np.intp], choice: NDArray[np.intp]) -> SuturePlan:
-    """Return the best plan of a grid with its bound, from its positions (n,) there and rows (n,) of directions."""
+    """Return the plan with these indices (n,) of the map's positions and rows (n,) of directions, and its bound.
+
+    It has to be the best plan on the map's grid.
+    """
     order = np.argsort(where)
     where, choice = where[order], choice[order]
     rewards, feasible = map.values[choice, where], map.joints.feasible[choice, where]
@@ -249,10 +252,11 @@ def plan_on_grid(map: DexterityMap, where: NDArray[np.intp], choice: NDArray[np.
 def refined(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan:
     """Return a plan at any angles that is at least as good as a plan on the map's grid that meets the spacing.
 
-    It begins at the better of that plan and the best on a finer grid, since the dexterity has more than one hill. A
+    It begins at the better of that plan and the best on a finer grid, since the dexterity has several local maxima. A
     pattern search follows: a run of neighbouring sutures moves by a step, either way; the best such move is made or, if
-    none is better, the step halved. Neighbours move together because gaps at their bounds couple them. As on the grid,
-    the worst suture counts; among infeasible plans, if the reward puts feasibility first, the worst infeasible one.
+    none is better, the step is halved. Neighbours move together because gaps at their bounds couple them. As on the
+    grid, the worst suture counts; among infeasible plans, if the reward puts feasibility first, the worst infeasible
+    one.
     """
     finer = _on_finer_grid(map, plan, spacing)
     thetas = finer.positions_rad
@@ -266,7 +270,7 @@ def refined(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan
         which = np.where(shifts > 0, ahead, np.where(shifts < 0, behind, here))
         scores = _scores(near.best[which], near.feasible[which], map.reward.feasible_first)
         kept = _meets(spacing, thetas + shifts)
-        kept[0] = True  # where the search stands, whatever rounding did
+        kept[0] = True  # the present plan stays allowed, in spite of rounding
         best = int(np.argmax(np.where(kept, scores, -np.inf)))
         if best:
             thetas = thetas + shifts[best]
@@ -278,7 +282,7 @@ def refined(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan
 
 
 def _on_finer_grid(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan:
-    """Return the better of a plan and the best one on a finer grid than the map's, unless that would take too long."""
+    """Return the better of a plan and the best one on a finer grid; the plan itself if that grid would be too large."""
     positions, count = len(map.thetas_rad), len(plan.positions_rad)
     finer = min(FINER, MOST_POSITIONS // positions)
     if finer < 2:
@@ -292,7 +296,7 @@ def _on_finer_grid(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> Sut
 
 
 def _runs(n: int) -> NDArray[np.float64]:
-    """Return which (m, n) of n sutures round the circle move together: 1 for those that do."""
+    """Return which (m, n) of n sutures round the circle move together in each move: 1 for those that do."""
     first = np.eye(n)
     lengths = range(1, min(n - 1, LONGEST_RUN) + 1)
     runs = [sum(np.roll(first, k, axis=1) for k in range(length)) for length in lengths]
@@ -300,7 +304,7 @@ def _runs(n: int) -> NDArray[np.float64]:
 
 
 def _scores(rewards: NDArray[np.float64], feasible: NDArray[np.bool_], feasible_first: bool) -> NDArray[np.float64]:
-    """Return the scores (m,) of plans (m, n); an infeasible one is below any feasible one, if that comes first."""
+    """Return the scores (m,) of plans (m, n); if feasibility comes first, infeasible ones are below all others."""
     worst = rewards.min(1)
     if not feasible_first:
         return worst

@@ -1,4 +1,4 @@
-"""Where one arm hands the needle to the other in the air, so that the other holds it as the next stitch needs it."""
+"""Plan where one arm hands the needle to the other in the air, in the grasp that the next stitch needs."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from trocar.tasks.suture.planning.segments import Segment
 from trocar.tasks.suture.planning.setup import SutureSetup
 
 HEIGHTS_M = (0.030, 0.040, 0.050)
-"""Height of the needle's centre over the tissue: instruments have to reach round it."""
+"""Heights of the needle's centre over the tissue that are tried: instruments have to reach round it."""
 BEHIND = (-0.6, 0.0, 0.6)
-"""Where the camera sees the tissue behind the needle's centre, along x and y of the circle, as shares of its radius:
-the needle is told from what is behind it by the tissue's colour."""
+"""Points of the tissue, in x and y of the circle as shares of its radius, that the camera sees behind the needle's
+centre. Perception needs tissue behind the needle, because it tells the needle by its colour."""
 ATTITUDES, SEED = 1500, 7
-"""Number of attitudes of the needle that are tried at each place."""
+"""Number of attitudes of the needle that are tried at each place, and the seed that draws them."""
 FACES = 0.45
-"""Least cosine of the angle between the normal of the needle's plane and the way to the camera that looks at it."""
+"""Least |cosine| of the angle between the normal of the needle's plane and the direction to the camera."""
 TRIED, ENOUGH_ROOM_RAD, TURN_COSTS = 300, math.radians(40.0), 0.04
-"""So many places with the most room are considered; more room than this is not better, and a joint of the giver that
-turns further on its way there takes time: it counts as this share of room."""
+"""Number of places, those with the most room, that are considered; room above which more is not better; and room that
+the giver's largest joint rotation on its way there costs, in rad per rad, because it takes time."""
 WIRE_APART_M = 1.0e-3
-"""Least distance of an instrument that comes or goes from the wire, except about where its own jaws hold it."""
+"""Least distance of a moving instrument from the wire, except near its own grasp."""
 ALTERNATIVES, OTHERWISE_RAD = 4, math.radians(25.0)
-"""Number of handovers, and how far the needle's attitudes in them differ at least."""
+"""Maximum number of handovers, and the least rotation between the needle's attitudes in them."""
 TOO_LITTLE_ROOM = f"an arm's joints would come within {math.degrees(ROOM_RAD):.0f} deg of their limits, or beyond them"
 
 
@@ -56,7 +56,7 @@ class Holder:
     Attributes:
         setup: the geometry with this arm, and its grasp.
         home_q: (6,) joints at rest, from where the taker comes, and to where the giver goes.
-        start_q: (6,) joints from where the giver brings the needle; the taker's are its home.
+        start_q: (6,) joints at which the giver begins to bring the needle; for the taker, its home.
     """
 
     setup: SutureSetup
@@ -70,8 +70,8 @@ class Handover:
 
     Attributes:
         T_circle_needle: where the needle is held still meanwhile.
-        take: the taking arm's way along its jaws' own axis to its grasp.
-        part: the giving arm's likewise away from its own; its first joints are where it holds the needle.
+        take: path of the taking arm to its grasp, along its jaws' own axis.
+        part: path of the giving arm away from its grasp, likewise; at its first joints it holds the needle.
         room_rad: least room of the turning joints to their limits, of both arms.
         apart_m: least distance of the two instruments, from the taker's home to its grasp and back to the giver's home.
     """
@@ -105,10 +105,10 @@ def handover_places(taker: SutureSetup, p_circle_camera_m: NDArray[np.float64]) 
 
     Args:
         taker: the geometry with this arm.
-        p_circle_camera_m: (3,) from where the needle has to be seen, in the circle's frame.
+        p_circle_camera_m: (3,) position, in the circle's frame, of the camera that has to see the needle.
 
     Raises:
-        OutOfReach: nowhere.
+        OutOfReach: there is no such place.
     """
     rng = np.random.default_rng(SEED)
     attitudes = SO3.from_quaternion(_unit(rng.standard_normal((ATTITUDES, 4)))).matrix
@@ -128,18 +128,18 @@ def handover_places(taker: SutureSetup, p_circle_camera_m: NDArray[np.float64]) 
 
 
 def plan_handovers(giver: Holder, taker: Holder, places: Places) -> tuple[Handover, ...]:
-    """Return handovers, the best first: these leave the joints of both arms enough room, and turn the giver least.
+    """Return handovers, the best first: it leaves both arms' joints enough room, and turns the giver's joints least.
 
     The others are alternatives, with other attitudes of the needle, for arms whose commands do not reach the first.
 
     Args:
-        giver: has the needle.
-        taker: takes it in the grasp of its setup.
-        places: where it could.
+        giver: the arm that has the needle.
+        taker: the arm that takes it in the grasp of its setup.
+        places: where the taker could take it.
 
     Raises:
-        OutOfReach: there is none in which both arms reach the needle and stay clear of each other; says what most often
-            is in the way.
+        OutOfReach: there is no handover in which both arms reach the needle and stay clear of each other; the message
+            says what is most often in the way.
     """
     rooms = places.both_rad(giver.setup)
     likely = np.argsort(-rooms)[:TRIED]
@@ -166,9 +166,9 @@ def plan_handovers(giver: Holder, taker: Holder, places: Places) -> tuple[Handov
 
 
 def taking(setup: SutureSetup, T_circle_needle: SE3, near: NDArray[np.float64] | None = None) -> Segment:
-    """Return the way of open jaws along their own axis to their grasp of a needle that rests here.
+    """Return the path of open jaws, along their own axis, to their grasp of a needle that rests here.
 
-    The roll is in the turn that is nearest to joints ``near`` (6,), if that is within its range.
+    The roll has the winding nearest to joints ``near`` (6,), if the path then keeps ``ROOM_RAD`` to its limits.
     """
     T_circle_tip = T_circle_needle @ grasp_pose(setup)
     back = COMES_FROM_M * T_circle_tip.matrix[:3, 2]  # the jaws point the other way
@@ -183,13 +183,13 @@ def taking(setup: SutureSetup, T_circle_needle: SE3, near: NDArray[np.float64] |
 
 
 def parting(setup: SutureSetup, T_circle_needle: SE3, near: NDArray[np.float64] | None = None) -> Segment:
-    """Return the way of open jaws back from their grasp of a needle that rests here; arguments as for ``taking``."""
+    """Return the path of open jaws back from their grasp of a needle that rests here; arguments as for ``taking``."""
     take = taking(setup, T_circle_needle, near)
     return Segment("part", take.q[::-1], take.length_m)
 
 
 def between(q0: NDArray[np.float64], q1: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return joints (k, 6) on a motion from rest to rest."""
+    """Return joints (k, 6) along a straight motion in joint space."""
     return np.linspace(q0, q1, SAMPLES)
 
 
@@ -229,7 +229,7 @@ def _judged(giver: Holder, taker: Holder, T_circle_needle: SE3) -> Handover | st
 
 
 def _turned_rad(giver: Holder, T_circle_needle: SE3) -> float:
-    """Return the farthest that a joint of the giver turns from where it comes from to where it holds the needle."""
+    """Return the largest rotation of the giver's joints, from where it starts to where it holds the needle."""
     q = parting(giver.setup, T_circle_needle, giver.start_q).q[0]
     return float(np.nanmax(np.abs(q - giver.start_q)[np.arange(6) != INSERTION], initial=0.0))
 

@@ -23,8 +23,8 @@ class Parameter(NamedTuple):
 
     Attributes:
         about: one line for the help.
-        bounds: between which it is searched by default, assumed: what fits under an abdominal wall beside a phantom,
-            with needles 17 to 28 mm across. None: it is not searched over.
+        bounds: bounds of a search by default. They are assumed: what fits under an abdominal wall beside a phantom,
+            with needles 12 to 20 mm across. None: not searched over.
     """
 
     about: str
@@ -52,9 +52,9 @@ PARAMETERS = {
     "needle_arc_rad": Parameter("Arc of the needle from tip to tail."),
     "grasp_behind_tip_rad": Parameter("Arc from the needle's tip back to the jaws.", _degrees(90, 150)),
     "grasp_approach_rad": Parameter("Rotation of the jaws about the wire.", _degrees(-180, 180)),
-    # below 0 the wrist meets the tissue
+    # below 0, the wrist meets the tissue
     "grasp_lean_rad": Parameter("Rotation of the jaws about their closing direction.", _degrees(0, 90)),
-    # flat jaws can hold 0 and 180 deg only
+    # flat jaws can hold the wire at 0 and 180 deg only
     "grasp_skew_rad": Parameter("Rotation of the jaws about their long axis.", _degrees(-180, 180)),
     "wall_up_m": Parameter("Height of the body wall's inner surface above the world's origin; 0: no wall."),
     "wall_thick_m": Parameter("Thickness of the body wall, in which ports lie."),
@@ -66,7 +66,7 @@ PARAMETERS = {
     "insertion_straight_m": Parameter("How far the needle goes in straight before it turns."),
     "insertion_regrasp_rad": Parameter("How far the jaws move back along the needle."),
 }
-"""Numbers of a setup by name: the part that holds it (``center`` and ``base`` are poses), then the field there."""
+"""Numbers of a setup by name: the part of the setup (``center`` and ``base`` are poses), then the field there."""
 SEARCHED = {name: parameter.bounds for name, parameter in PARAMETERS.items() if parameter.bounds}
 """The parameters that can be searched over, with their usual bounds."""
 
@@ -98,7 +98,7 @@ def with_parameters(setup: SutureSetup, values: Mapping[str, float], **changes: 
         now = _base_numbers(setup.T_world_base)
         changes["T_world_base"] = base_beside(**{**now, **base})
         rest = base_beside(**now).inverse() @ setup.T_world_base
-        if not np.allclose(rest.matrix, np.eye(4), rtol=0.0, atol=1e-12):  # its attitude needs more than two angles
+        if not np.allclose(rest.matrix, np.eye(4), rtol=0.0, atol=1e-12):  # two angles do not give its attitude
             changes["T_world_base"] @= rest
     if center:
         circle = changes.get("circle", setup.circle)
@@ -126,4 +126,4 @@ def shown_parameter(name: str) -> tuple[float, str]:
 
 
 SAID = {shown_parameter(name)[1]: name for name in PARAMETERS}
-"""Names of the parameters by what the command line calls them, with mm or deg: ``base_tilt_deg``, ``regrasp_deg``."""
+"""Names of the parameters by their names on the command line, in mm or deg: ``base_tilt_deg``, ``regrasp_deg``."""

@@ -26,7 +26,7 @@ from trocar.tasks.suture.planning.waypoints import waypoints
 
 MAX_SUTURES = 360
 SAME = 1e-6
-"""Numbers of waypoints (m, rad, s) that differ by less are the same: angles of a plan are saved in degrees."""
+"""Numbers of waypoints (m, rad, s) that differ by less are the same: saving a plan's angles in degrees rounds them."""
 MADE_BY = "give the plan.json of `trocar plan suture --out DIR`"
 PLAN = "plan.json"
 
@@ -39,8 +39,8 @@ class SuturePlan:
         positions_rad: (n,) ascending, in [0, 2 pi).
         directions: (n,) each one of ``DIRECTIONS``.
         rewards: (n,) dexterity of each suture.
-        feasible: whether in every suture joints stay within their limits, the wrist is deep enough, and the instrument
-            out of the tissue and clear of what else the setup has.
+        feasible: whether in every suture the joints stay within their limits, the wrist is deep enough, and the
+            instrument stays clear of the tissue and, if there are any, of body wall and second arm.
         bound: proven upper bound on the ``reward`` of all plans on the grid; infinite for plans at any angles. If no
             plan is feasible although the reward puts feasibility first, it bounds the worst infeasible suture.
         certified: which plans ``bound`` covers, in words.
@@ -210,7 +210,7 @@ def load_plan(path: str | Path) -> PlannedSutures:
     """Return the sutures of a ``plan.json`` or ``waypoints.json`` that ``trocar plan suture`` saved, or of its folder.
 
     Raises:
-        BadFile: the file cannot be read, holds no such plan, or waypoints that are not those of its plan.
+        BadFile: the file cannot be read, holds no such plan, or holds waypoints that are not those of its plan.
     """
     path = Path(path) / PLAN if Path(path).is_dir() else Path(path)
     try:
@@ -270,7 +270,7 @@ def setup_from(values: object) -> SutureSetup:
 
 
 def _part_from(value: object, like: Any, where: str) -> Any:
-    """Return a part of a setup from JSON values: of the type of an example, found under these keys (for errors)."""
+    """Return a part of a setup from JSON values: of the type of ``like``, named ``where`` in errors."""
     if isinstance(like, ArmModel):
         if not isinstance(value, str) or value not in ARMS:
             raise InvalidValue(where, _short(value), f"choose one of {', '.join(ARMS)}")

@@ -25,7 +25,7 @@ from trocar.tasks.suture.planning.clearance import above_tissue_m, arms_apart_m,
 from trocar.tasks.suture.planning.setup import DIRECTION_NAMES, DIRECTIONS, SutureSetup
 
 BEFORE_EXIT_RAD, PAST_EXIT_RAD = math.radians(12.0), math.radians(8.0)
-"""An arm that drives the needle does not release it within these rotations before and after its tip comes out."""
+"""The arm does not release the needle within these rotations before and after the needle's tip comes out."""
 SPACING_M, SPACING_RAD = 0.25e-3, math.radians(1.0)
 """Spacing of the waypoints along a path."""
 LIMIT_TOLERANCE = 1e-9
@@ -50,7 +50,7 @@ class Step:
 
     @property
     def back_rad(self) -> float:
-        """Return how far back along the wire the jaws hold it, relative to the first grip."""
+        """Return how far back along the wire the jaws hold the needle, relative to the first grip."""
         return self.needle_rad[0] - self.jaws_rad[0]
 
     @property
@@ -65,12 +65,12 @@ def steps(setup: SutureSetup) -> tuple[Step, ...]:
 
 
 def driven_steps(setup: SutureSetup) -> tuple[Step, ...]:
-    """Return the movements as an arm makes them: it holds the needle while its tip comes out of the tissue.
+    """Return the movements as an arm makes them: it holds the needle while the tip comes out of the tissue.
 
     If the primitive released the needle between ``BEFORE_EXIT_RAD`` before and ``PAST_EXIT_RAD`` after that point, the
     opening and closing of the jaws would decide where the tip comes out. So the needle is released later, if the jaws
-    can go back far enough before that, or else earlier. The jaws' poses are among those of :func:`steps`, whose
-    rotation starts at 0.
+    can go back far enough before that, or else earlier. The jaws stay on the path of :func:`steps`, whose rotation
+    starts at 0.
     """
     insertion, exit_rad = setup.insertion, setup.exit_turn_rad
     ends = _holds_rad(setup)
@@ -86,13 +86,13 @@ def driven_steps(setup: SutureSetup) -> tuple[Step, ...]:
 
 
 def _holds_rad(setup: SutureSetup) -> list[float]:
-    """Return the needle's rotation at the end of each time that the jaws turn it."""
+    """Return the needle's rotation at the end of each grip."""
     insertion = setup.insertion
     return [insertion.rotation_rad + k * insertion.regrasp_rad for k in range(insertion.pushes + 1)]
 
 
 def _steps(setup: SutureSetup, ends: Sequence[float]) -> tuple[Step, ...]:
-    """Return the movements in which the jaws hold the needle up to these rotations of it, one after the other."""
+    """Return the movements whose successive grips end at these rotations of the needle."""
     straight = setup.insertion.straight_m
     still, top, jaws = (straight, straight), setup.insertion.rotation_rad, ends[0]
     found = [
@@ -140,7 +140,7 @@ def tip_poses(setup: SutureSetup, advance_m: ArrayLike, jaws_rad: ArrayLike) -> 
 
 
 def turned_to(T_circle: SE3, thetas_rad: ArrayLike) -> SE3:
-    """Return poses (2, k) given at theta = 0 for every theta (n,): (2, n, k)."""
+    """Return poses (2, k), given at theta = 0, rotated to every theta (n,): (2, n, k)."""
     turn = SE3.from_parts(SO3.axis("z", np.asarray(thetas_rad, float)))
     return SE3.unchecked(turn.matrix[:, None] @ T_circle.matrix[:, None])
 
@@ -168,7 +168,7 @@ def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> Pat
     top = insertion.rotation_rad
     again = top - insertion.regrasp_rad if insertion.pushes else top
     turn = np.union1d(np.linspace(min(0.0, again), top, turning), again)
-    turn = turn[np.abs(turn) > 1e-12]  # the end of the straight path is already there
+    turn = turn[np.abs(turn) > 1e-12]  # 0 is already there, as the end of the straight path
     advance = np.linspace(0.0, insertion.straight_m, straight)
     return PathSamples(
         np.append(advance, np.full(len(turn), insertion.straight_m)),
@@ -280,15 +280,15 @@ class SutureJoints:
     Attributes:
         setup: the geometry.
         thetas_rad: (n,) positions on the circle.
-        q: (2, n, k, 6) one row per direction of ``DIRECTIONS``, at the k samples of ``path_samples``; rad and m. NaN
-            where the arm has no real solution. The roll is continuous, in the winding that stays nearest to the middle
-            of its range.
+        q: (2, n, k, 6) joints, rad and m: one row per direction of ``DIRECTIONS``, at the k samples of
+            ``path_samples``; NaN where the arm has no real solution. The roll is continuous, in the winding that stays
+            nearest to the middle of its range.
         station: (k,) which samples are stations.
         above_tissue_m: (2, n) least height of fingers, wrist, shaft and port above the tissue's plane.
-        inside_wall_m: (2, n) by how much instrument and needle stay farther from the body wall than they must;
-            infinite if there is none.
-        arms_apart_m: (2, n) likewise the second arm's instrument from the first one's; minus infinity where it cannot
-            pull the needle through.
+        inside_wall_m: (2, n) clearance of instrument and needle from the body wall, less the required one; infinite if
+            there is no wall.
+        arms_apart_m: (2, n) likewise between the two arms' instruments; infinite if there is no second arm, minus
+            infinity where it cannot pull the needle through.
     """
 
     setup: SutureSetup
@@ -312,7 +312,7 @@ class SutureJoints:
 
     @cached_property
     def too_shallow_m(self) -> NDArray[np.float64]:
-        """Return by how much (2, n) the wrist falls short of the safe depth at worst; infinite where q is NaN."""
+        """Return by how much (2, n) the wrist at worst falls short of the safe depth; infinite where q is NaN."""
         short_m = self.arm.safe_depth_m - wrist_depth_m(self.arm, self.q).min(2)
         return np.where(np.isfinite(short_m), np.maximum(short_m, 0.0), np.inf)
 
@@ -324,7 +324,7 @@ class SutureJoints:
 
     @cached_property
     def feasible(self) -> NDArray[np.bool_]:
-        """Return which of these (2, n) also let the second arm, if there is one, come to the needle."""
+        """Return which sutures (2, n) are drivable and let the second arm, if there is one, come to the needle."""
         return self.drivable & (self.arms_apart_m >= -LIMIT_TOLERANCE)
 
     @cached_property
@@ -350,7 +350,7 @@ def suture_joints(setup: SutureSetup, thetas_rad: ArrayLike) -> SutureJoints:
     harmonics = (setup.T_base_circle.matrix @ parts)[:, None, None] @ at_zero.matrix
     turns = np.stack([np.ones_like(thetas), np.cos(thetas), np.sin(thetas)], -1)
     poses = turns @ np.moveaxis(harmonics.reshape(*harmonics.shape[:3], 16), 0, 2).swapaxes(0, 1)
-    # samples are the outermost axis in memory, so that minima and maxima along a suture run over whole rows
+    # samples are the outermost axis in memory: minima and maxima along a suture then run over whole rows, which is fast
     q = np.moveaxis(ik_unbounded(setup.arm, SE3.unchecked(poses.reshape(*poses.shape[:-1], 4, 4))), 0, 2)
     q[..., ROLL] = unwound(q[..., ROLL], setup.arm.middle_floats[ROLL])
     return with_clearances(setup, thetas, q, samples, at_zero)
@@ -364,9 +364,15 @@ def with_clearances(
     T_circle_tip: SE3,
     rows: slice = slice(None),
 ) -> SutureJoints:
-    """Return sutures in these joints (2, n, k, 6), or those in some rows of ``DIRECTIONS``, with their clearances.
+    """Return the sutures with these joints, and their clearances.
 
-    The tip's poses (2, k) at these samples are those at theta = 0.
+    Args:
+        setup: the geometry.
+        thetas_rad: (n,) positions.
+        q: (2, n, k, 6) joints, or those of some rows of ``DIRECTIONS``.
+        samples: the k samples.
+        T_circle_tip: (2, k) poses of the tip at theta = 0, in the same rows.
+        rows: the rows of ``DIRECTIONS``.
     """
     inside_m = apart_m = np.full(q.shape[:2], np.inf)
     if setup.wall.up_m:
@@ -390,8 +396,8 @@ def with_clearances(
 def unwound(roll: NDArray[np.float64], middle: float = 0.0, of: slice = slice(None)) -> NDArray[np.float64]:
     """Return roll (..., k) rad without jumps along its last axis, in the winding that stays nearest to the middle.
 
-    The roll is known only up to whole turns; wrapped naively, it jumps at some positions (``facts/suture.md``). The
-    extremes of the part ``of`` the last axis decide.
+    The inverse kinematics give the roll only up to whole turns; wrapped to one turn, it jumps at some positions
+    (``facts/suture.md``). The extremes within the slice ``of`` of the last axis decide the winding.
     """
     roll = np.unwrap(roll, axis=-1)
     deciding = roll[..., of]

@@ -1,6 +1,6 @@
 """The second arm's part of a stitch: it grasps the needle near its tip, pulls it through along its arc, draws it out.
 
-Poses are those of ``primitive``: the needle's rotation counts from where its straight way in ended.
+Poses are those of ``primitive``: the needle's rotation counts from the end of the straight penetration.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from trocar.tasks.suture.planning.segments import UP, Segment, ranges, suture_se
 from trocar.tasks.suture.planning.setup import NeedleGrasp, SutureSetup
 
 BEHIND_TIP_RAD = (tuple(np.radians([13.0, 18.0])), tuple(np.radians([25.0, 32.0])))
-"""Where the first and the second grip are tried: first little of the needle is out; then jaws that close a millimetre
-or two aside still hold the wire."""
+"""Arcs behind the needle's tip at which the first and the second grip are tried. At first, little of the needle is out;
+later, jaws that close a millimetre or two aside still hold the wire."""
 APPROACHES_RAD, LEANS_RAD = np.radians(np.arange(-180.0, 180.0, 10.0)), np.radians(np.arange(-30.0, 31.0, 10.0))
 """Grasps that are tried: jaws that lean further along the wire leave the other arm less room at the handover."""
 DEEP_M = 1.0e-3
-"""So much further in than the arm's tip the wire is grasped: the jaws end .7 mm beyond that, and come half a millimetre
-or more aside."""
+"""The wire lies this much deeper in the jaws than the arm's tip. The jaws end only .7 mm beyond the arm's tip, and come
+half a millimetre or more aside."""
 JAWS_M, HELD_RAD = 0.020, math.radians(30.0)
-"""So much of an instrument, from the tip of its jaws back, has to stay clear of the wire, except for so much of the arc
-on either side of the grasp."""
+"""This much of the instrument, from the tip of its jaws back, has to stay clear of the wire, except for this arc on
+either side of the grasp."""
 FREE_M = 4.0e-3
-"""Least distance of the jaws' middle line from the rest of the wire: they are open when they come and go."""
+"""Least distance of the jaws' centreline from the rest of the wire: the jaws are open when they come and go."""
 DRAWN_RAD = math.radians(45.0)
-"""So much of the needle's arc is still in the tissue when it is drawn out straight, .6 mm off its arc at most; if it
-were turned further, its tip would come round to the tissue."""
+"""This arc of the needle is still in the tissue when the needle is drawn out straight, at most .6 mm off its arc. If
+the needle were turned further, its tip would come round to the tissue."""
 SHARES = (0.4, 0.5, 0.6)
-"""Shares of the rotation after which the jaws may take the needle, which the tissue holds, in a second grasp."""
+"""Shares of the rotation at which a second grip is tried, while the tissue holds the needle."""
 COMES_FROM_M, COMES_DOWN_M = 0.010, 0.010
-"""Open jaws come along their own axis from this far back, and to there from this far above."""
+"""Open jaws come along their own axis from this far back; to that place they come from this far above."""
 CLEAR_M, LIFTED_M = 0.004, 0.020
 """How far the needle's tail is drawn beyond the surface, and how far the needle is lifted then."""
 OVER_TISSUE_M = 1.0e-3
@@ -59,9 +59,9 @@ OVER_TISSUE_M = 1.0e-3
 HOLDING_RAD = 0.1
 """Opening of jaws on a wire."""
 SAMPLES = 24
-"""Configurations at which a way from rest to rest is looked at."""
+"""Number of configurations at which a motion from rest to rest is checked."""
 ROOM_RAD, ROOM_M = math.radians(8.0), 4.0e-3
-"""Least room of the turning joints and of the insertion to their limits: corrections and the commands of a worn
+"""Least room of the rotary joints and of the insertion to their limits: corrections and the commands of a worn
 instrument need some of it, up to 30 deg at the wrist."""
 
 
@@ -79,9 +79,9 @@ class Grip:
     """One of the second arm's grips of the needle.
 
     Attributes:
-        suture: with the second arm, its base and its grasp in place of the first arm's.
+        suture: the suture, with the second arm, its base and its grasp in place of the first arm's.
         turn_rad: the needle's rotation where it is grasped, and where this grip ends.
-        room_rad: least room of the turning joints to their limits, from the way there to the end.
+        room_rad: least room of the rotary joints to their limits, from the approach to the end of the grip.
     """
 
     suture: Suture
@@ -104,7 +104,7 @@ class Pull:
 
     Attributes:
         grips: in order.
-        apart_m: least distance of the two instruments until the second one has grasped the needle first.
+        apart_m: least distance of the two instruments, while the second one comes and then the first one leaves.
     """
 
     grips: tuple[Grip, Grip]
@@ -112,7 +112,7 @@ class Pull:
 
     @property
     def room_rad(self) -> float:
-        """Return the least room of the turning joints to their limits."""
+        """Return the least room of the rotary joints to their limits."""
         return min(grip.room_rad for grip in self.grips)
 
 
@@ -130,15 +130,16 @@ def plan_pull(
 ) -> Pull:
     """Return how an arm pulls the needle of a suture through.
 
-    Of the grasps in which flat jaws hold the wire, these leave the joints most room, among those that keep the
-    instrument out of the tissue and, in the first grip, clear of the first arm.
+    Of the grasps that flat jaws can hold, and that keep the instrument out of the tissue and, in the first grip, clear
+    of the first arm, those are chosen that leave the joints the most room.
 
     Args:
-        suture: with the first arm, which holds the needle where the second one comes to grasp it.
+        suture: the suture with the first arm, which holds the needle while the second one comes to grasp it.
         arm: the second arm.
-        T_world_base: its base.
+        T_world_base: pose of its base.
         first_home_q: (6,) where the first arm goes when it has let go.
-        worth: room of the joints, rad, in what comes after the second grip, in which the needle stays.
+        worth: returns the joints' room, rad, in what follows the second grip, which keeps the needle; None: nothing
+            follows.
 
     Raises:
         OutOfReach: there are no such grasps.
@@ -163,7 +164,7 @@ def plan_pull(
 
 
 def _preferred(grips: Iterator[Grip], worth: Callable[[SutureSetup], float] | None) -> Grip:
-    """Return which of these, the one with most room first, leaves most room in it and in what comes after it."""
+    """Return the grip with the most room, in itself and in what follows; ``grips`` come with decreasing own room."""
 
     def whole_room_rad(grip: Grip) -> float:
         return grip.room_rad if worth is None else min(grip.room_rad, worth(grip.setup))
@@ -179,9 +180,9 @@ def _preferred(grips: Iterator[Grip], worth: Callable[[SutureSetup], float] | No
 
 
 def _grips(mine: Suture, turn_rad: tuple[float, float], behind_tip_rad: tuple[float, ...]) -> Iterator[Grip]:
-    """Yield grips with enough room on a part of the needle's rotation, the one with most of it first.
+    """Yield grips with enough room over a part of the needle's rotation, the one with most room first.
 
-    The suture is with the second arm, in any grasp.
+    ``mine`` is the suture with the second arm, in any grasp.
     """
     setup, arm = mine.setup, mine.setup.arm
     grasps, in_needle = _grasps(setup.needle, behind_tip_rad)
@@ -192,6 +193,7 @@ def _grips(mine: Suture, turn_rad: tuple[float, float], behind_tip_rad: tuple[fl
     if not len(places):
         return
     poses = poses[places]
+    # the approach, from above and then along the jaws' axis, and the way back
     back = poses[:, [0, 0, -1, -1]]
     back[:, :, :3, 3] += COMES_FROM_M * back[:, :, :3, 2]
     back[:, 0, 2, 3] += COMES_DOWN_M
@@ -207,7 +209,7 @@ def _grips(mine: Suture, turn_rad: tuple[float, float], behind_tip_rad: tuple[fl
 
 
 def _apart_m(grip: Grip, holds: Capsules, leaves: Capsules) -> float:
-    """Return the least distance of the two arms: while the second comes, and while the first leaves."""
+    """Return the least distance of the two instruments: while the second arm comes, and while the first one leaves."""
     reach = reach_segment(grip).q
     coming = capsules(grip.setup.arm, reach, JAW_OPEN_RAD).moved(grip.setup.T_world_base)
     waiting = capsules(grip.setup.arm, reach[-1], HOLDING_RAD).moved(grip.setup.T_world_base)
@@ -224,9 +226,9 @@ def _going_home(suture: Suture, home_q: NDArray[np.float64]) -> Capsules:
 
 @lru_cache(maxsize=4)
 def _grasps(needle: Needle, behind_tip_rad: tuple[float, ...]) -> tuple[list[DeepGrasp], NDArray[np.float64]]:
-    """Return the grasps that are tried (n), and the tip's pose (n, 4, 4) in the needle's frame in each.
+    """Return the grasps (n) in which the jaws come and go clear of the rest of the wire.
 
-    In these the jaws come and go clear of the rest of the wire.
+    With them come the tip's poses (n, 4, 4) in the needle's frame.
     """
     angles = product(behind_tip_rad, APPROACHES_RAD, LEANS_RAD)
     grasps = [DeepGrasp(*map(float, values)) for values in angles]
@@ -241,7 +243,7 @@ def _grasps(needle: Needle, behind_tip_rad: tuple[float, ...]) -> tuple[list[Dee
 
 
 def wire_capsules(needle: Needle, grasped_rad: float) -> Capsules:
-    """Return the wire in the needle's frame, except about where jaws hold it this far behind its tip."""
+    """Return the wire in the needle's frame, except near where jaws hold it, this far behind its tip."""
     at = np.linspace(0.0, needle.arc_rad, 1 + math.ceil(needle.arc_rad / math.radians(7.5)))
     ends = np.stack([needle.point_m(at[:-1]), needle.point_m(at[1:])], axis=1)
     ends = ends[np.abs(0.5 * (at[:-1] + at[1:]) - grasped_rad) > HELD_RAD]
@@ -256,12 +258,12 @@ def holding_still(suture: Suture) -> Capsules:
 
 
 def reach_segment(grip: Grip) -> Segment:
-    """Return the way of open jaws to a grip: down, and then along their own axis."""
+    """Return the path of open jaws to a grip: down, and then along their own axis."""
     return grip_segments(grip)[0]
 
 
 def grip_segments(grip: Grip) -> tuple[Segment, ...]:
-    """Return the ways of one grip: ``reach``, ``pull``, and ``leave`` with open jaws; the roll is continuous."""
+    """Return the segments of one grip: ``reach``, ``pull``, and ``leave`` with open jaws; the roll is continuous."""
     setup = grip.setup
     arc_rad = grip.turn_rad[1] - grip.turn_rad[0]
     turned = grip.T_circle_needle(np.linspace(*grip.turn_rad, 2 + math.floor(arc_rad / SPACING_RAD)))
@@ -272,7 +274,7 @@ def grip_segments(grip: Grip) -> tuple[Segment, ...]:
 
 
 def out_segments(grip: Grip) -> tuple[Segment, ...]:
-    """Return the ways of the needle in the last grip: ``draw`` it out of the tissue, and ``lift`` it."""
+    """Return the segments that end the last grip: ``draw`` the needle out of the tissue, and ``lift`` it."""
     setup, out_m = grip.setup, drawn_out_m(grip)
     last = (grip.T_circle_needle(np.array([grip.turn_rad[1]])) @ setup.grasp.pose(setup.needle.radius_m))[0]
     draw = shifted(last, np.zeros(3), out_m)
@@ -288,7 +290,7 @@ def _segments(
     lengths_m: Sequence[float],
     near: NDArray[np.float64] | None = None,
 ) -> tuple[Segment, ...]:
-    """Return successive ways of the tip in the circle's frame as segments, the roll continuous over them."""
+    """Return successive paths of the tip in the circle's frame as segments, the roll continuous over them."""
     poses = SE3.unchecked(np.concatenate([way.matrix for way in ways]))
     q = ik_unbounded(setup.arm, setup.T_base_circle @ poses)
     q[:, ROLL] = unwound(q[:, ROLL], setup.arm.middle_floats[ROLL])
@@ -308,7 +310,7 @@ def _leaving(T_circle_tip: SE3) -> SE3:
 
 
 def drawn_out_m(grip: Grip) -> NDArray[np.float64]:
-    """Return the way (3,), in the circle's frame, on which the needle is drawn out: along the chord of what is in."""
+    """Return the shift (3,) in the circle's frame that draws the needle out, along the chord of its arc inside."""
     turns = np.array([grip.turn_rad[1], tail_out_rad(grip.setup)])
     now, out = grip.T_circle_needle(turns).apply(grip.setup.needle.point_m(np.array([grip.setup.needle.arc_rad])))
     chord = out - now
@@ -316,9 +318,9 @@ def drawn_out_m(grip: Grip) -> NDArray[np.float64]:
 
 
 def room_rad(arm: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the room (..., k) of the turning joints to their limits along ways (..., k, 6).
+    """Return the room (..., k) of the rotary joints to their limits along paths (..., k, 6).
 
-    It is 0 where no joints lead there, or the insertion has less than ``ROOM_M``.
+    It is 0 where the arm has no solution, or the insertion has no more room than ``ROOM_M``.
     """
     q = q.copy()
     q[..., ROLL] = unwound(q[..., ROLL], arm.middle_floats[ROLL])
@@ -335,7 +337,7 @@ def over_tissue_m(setup: SutureSetup, q: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def wrist_inside_m(setup: SutureSetup, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by how much (...,) the wrist stays farther from the body wall than it must; infinite without a wall."""
+    """Return the wrist's clearance (...,) from the body wall, less the required one; infinite without a wall."""
     if not setup.wall.up_m:
         return np.full(q.shape[:-1], np.inf)
     solids = capsules(setup.arm, q).moved(setup.T_world_base)
@@ -344,6 +346,6 @@ def wrist_inside_m(setup: SutureSetup, q: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def shifted(T: SE3, start_m: NDArray[np.float64], end_m: NDArray[np.float64]) -> SE3:
-    """Return a pose shifted from one place (3,) to another, straight: (k,)."""
+    """Return poses (k,): a pose moved straight from one shift (3,) to another."""
     count = 2 + math.floor(float(np.linalg.norm(end_m - start_m)) / (2 * SPACING_M))
     return SE3.from_parts(T.rotation, T.translation_m + np.linspace(start_m, end_m, count))

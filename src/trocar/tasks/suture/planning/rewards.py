@@ -25,7 +25,7 @@ SURROGATE = (
 NO_SOLUTION = -1e3
 """The margin of a suture that no configuration of the arm can make."""
 NO_REWARD = NO_SOLUTION / 100
-"""Rewards up to this are those of such sutures."""
+"""Sutures with a reward up to this have no solution."""
 WRIST = slice(3, 6)
 """The joints that a margin considers (paper, III-C3)."""
 
@@ -74,8 +74,8 @@ class Reward:
         at: where the margin is evaluated: ``stations``, at the start and end of movements, as in the paper, or
             ``path``, in between as well.
         feasible_first: whether an infeasible direction is chosen only where both are infeasible.
-        joint_weights: of roll, wrist pitch and yaw in the margin (paper, V; it weighs them evenly).
-        caution: M is the mean over the demonstrations at a place minus so many of their standard deviations.
+        joint_weights: weights of roll, wrist pitch and yaw in the margin (paper, V; it weighs them evenly).
+        caution: M is the mean over the demonstrations at a place, minus this many of their standard deviations.
     """
 
     margin: str = "smallest"
@@ -152,7 +152,7 @@ class DexterityMap:
         return self.joints.thetas_rad
 
     def chosen(self, values: NDArray) -> NDArray:
-        """Return values (2, n, ...) of both directions in the better direction (n, ...)."""
+        """Return, of values (2, n, ...) in both directions, those in the better direction (n, ...)."""
         return values[self.choice, np.arange(len(self.choice))]
 
     @property
@@ -218,7 +218,7 @@ def scored(
             remedy = "give --demonstrations, or drop the caution"
             raise InvalidInput("a caution", "needs the variance of recorded sutures", remedy)
         given = np.maximum(given - reward.caution * recorded.sd_at(joints.thetas_rad), 0.0)
-    # a second arm forbids sutures but changes no rewards
+    # a second arm forbids sutures but must not change rewards, so scales come from what is drivable
     drive, choice = (
         np.argmax(margin - 1e9 * ~can if reward.feasible_first else margin, axis=0)
         for can in (joints.drivable, joints.feasible)
@@ -246,8 +246,8 @@ def joint_margin(joints: SutureJoints, reward: Reward) -> NDArray[np.float64]:
 def surrogate_by_arm(setup: SutureSetup, joints: SutureJoints) -> NDArray[np.float64]:
     """Return the mean squared manipulability (2, n) of two arms over the primitive, in place of demonstrations.
 
-    The second arm is the mirror image of the first one. ``|J J^T|`` of the paper is the square of Yoshikawa's measure.
-    Only directions that an arm can drive count; where it can drive neither, both do.
+    The second arm is the mirror image of the first one. The paper's ``|J J^T|`` is the square of Yoshikawa's measure.
+    Only directions that an arm can drive count; where it can drive neither, both count.
     """
     second = suture_joints(mirrored(setup), joints.thetas_rad)
     return np.stack([_mean_squared(arm) for arm in (joints, second)])
@@ -266,8 +266,8 @@ class Preset:
     """A setup and the reward that scores its sutures.
 
     Attributes:
-        fitted: the setup's parameters that were fitted to the paper's figures, as the command line calls them; what
-            agrees with these figures is no prediction.
+        fitted: the setup's parameters, named as on the command line, that were fitted to the paper's figures;
+            agreement with these figures is no prediction.
     """
 
     setup: SutureSetup

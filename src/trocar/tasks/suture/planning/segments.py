@@ -31,7 +31,7 @@ ROOM_RAD = math.radians(15.0)
 """Above the tissue, where the path is free to end early, joints keep this margin: compensated commands may need it."""
 LIFT_M, APPROACH_M, WITHDRAW_M = 0.025, 0.006, 0.010
 """Height from which the arm is lowered and to which it rises; length of the approach along the needle's first
-direction; how far open jaws back off along their own axis."""
+direction; distance by which open jaws back off along their own axis."""
 UP = np.array([0.0, 0.0, 1.0])
 DRIVING_M_S = 0.004
 """Mean speed of the jaws along the primitive, slow enough for the cables to take up their play before the needle's next
@@ -41,11 +41,11 @@ FREE_M_S = {"lower": 0.040, "approach": 0.010, "withdraw": 0.020, "rise": 0.040}
 BACK_M_S = 0.015
 """Mean speed of open jaws back along the wire to beyond where they close."""
 JAW_CLOSED_RAD = -0.17
-"""A target that lets the drive press."""
+"""Target of closed jaws: beyond closed, so that the drive presses."""
 
 
 def minimum_jerk(share_of_time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the share of a path (k,) that is done after shares of its time, from rest to rest with the least jerk."""
+    """Return the share of a path (k,) that a minimum-jerk motion has done after shares (k,) of its time."""
     tau = share_of_time
     return tau**3 * (10 - 15 * tau + 6 * tau**2)
 
@@ -68,7 +68,7 @@ class Segment:
         name: lower, approach, the name of a step of the primitive, withdraw, or rise.
         q: (k, 6) joints; NaN where the arm has no solution. The roll is continuous over all segments.
         length_m: length of the path of the jaws.
-        beyond: number of its last waypoints that are beyond its end: the jaws go there, and back to the end.
+        beyond: number of last waypoints that lie beyond the segment's end: the jaws go there, and back to the end.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Segment:
         return BACK_M_S if self.beyond else FREE_M_S.get(self.name)
 
     def first(self, count: int) -> Segment:
-        """Return the path up to a waypoint."""
+        """Return the path along the first waypoints."""
         q = self.q[:count]
         return replace(self, q=q, length_m=self.length_m * len(q) / max(1, len(self.q)))
 
@@ -115,8 +115,9 @@ class Segment:
 def suture_segments(suture: Suture) -> tuple[Segment, ...]:
     """Return the segments of one suture: ``lower``, ``approach``, the primitive's steps, ``withdraw``, ``rise``.
 
-    The base in its setup is the registered one. The roll has the same winding as in the plan, which depends on the
-    primitive alone. The ways in and out are cut short where they would leave the joints' ranges; the primitive is not.
+    The roll has the same winding as in the plan, because the primitive alone decides it. The ways in and out are cut
+    short where they would leave the joints' ranges; the primitive is not. To drive the suture, its setup needs the
+    registered base.
     """
     setup = suture.setup
     into = suture.turned(tip_poses(setup, _spread(-APPROACH_M, 0.0, SPACING_M), 0.0))
@@ -149,9 +150,9 @@ def retreat(setup: SutureSetup, q: NDArray[np.float64]) -> tuple[Segment, ...]:
 
 
 def cut_short(segments: Sequence[Segment], arm: ArmModel, order: int = 1) -> list[Segment]:
-    """Return successive segments up to the first waypoint out of range; those beyond it are left empty.
+    """Return successive segments up to the first waypoint out of range; segments after it are left empty.
 
-    The ``order`` is 1 to count from their starts, -1 from their ends.
+    ``order`` is 1 to count waypoints from the segments' starts, -1 to count from their ends.
     """
     kept: list[Segment] = []
     broken = False
@@ -171,7 +172,7 @@ def _retreat_paths(T_circle_tip: SE3) -> list[tuple[str, SE3, float]]:
 
 
 def _further(jaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the turns beyond the end of a backward movement, none before the primitive's first; may be empty."""
+    """Return the jaws' rotations beyond the end of a backward movement, but none below 0; may be empty."""
     end, step = jaws_rad[-1], jaws_rad[-1] - jaws_rad[-2]
     most = min(BEYOND_RAD, max(end, 0.0))
     return end + step * np.arange(1, 1 + math.floor(most / abs(step) + 1e-9)) if step else np.zeros(0)

@@ -1,4 +1,4 @@
-"""Setups in words: settings ``name=value`` as on the command line, and setup files, which hold the same (TOML)."""
+"""Setups as text: settings ``name=value`` as on the command line, and setup files (TOML), which hold the same."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.tasks.suture.planning.rewards import PRESETS, Preset, Reward
 from trocar.tasks.suture.planning.setup import SutureSetup
 
 SETTINGS = (*SAID, "needle", "pushes", "theta_is")
-"""Names of settings: parameters in mm or deg, a needle of the catalogue, and the insertion's count and word."""
+"""Names of settings: parameters in mm or deg, a needle of the catalogue, and two fields of ``Insertion``."""
 KEYS = ("preset", "arm", "set", "reward")
 """Keys of a setup file."""
 LEFT_OUT = ("center_x_m", "center_y_m", "center_z_m")
@@ -65,7 +65,7 @@ def _from_tables(values: Mapping[str, Any]) -> Preset:
 def with_settings(preset: Preset, settings: Mapping[str, object], arm: str | None = None) -> Preset:
     """Return a preset with settings by name (one of ``SETTINGS``), and with another arm if one is named.
 
-    A value may be a text, as on the command line. What is set is no longer fitted.
+    A value may be a text, as on the command line. A parameter that is set no longer counts as fitted.
 
     Raises:
         InvalidInput: a name is unknown, a value is not of its kind, or no setup has these values.
@@ -92,7 +92,7 @@ def with_settings(preset: Preset, settings: Mapping[str, object], arm: str | Non
 
 
 def with_reward(reward: Reward, values: Mapping[str, Any]) -> Reward:
-    """Return a reward with other values of its fields.
+    """Return a reward with some of its fields replaced.
 
     Raises:
         InvalidInput: a name is unknown, a value is not of its kind, or no reward has it.

@@ -26,15 +26,15 @@ HOLDABLE_RAD = math.radians(5.0)
 class Circle:
     """The circle of sutures that holds a mesh over a defect.
 
-    The paper gives no sizes: the circle fits a da Vinci training phantom, and what lies round it is assumed.
+    The paper gives no sizes: the circle fits a da Vinci training phantom; mesh and defect are assumed.
 
     Attributes:
         radius_m: radius.
         T_world_circle: z out of the tissue, theta counterclockwise from x.
         mesh_beyond_m: how far the mesh's edge lies outside of the circle.
-        mesh_margin_m: how far from the edge all of a bite must stay, so that the suture holds the mesh.
-        defect_within_m: how far the edge of the defect lies inside of the circle; where the circle is smaller, there
-            is no defect.
+        mesh_margin_m: how far all of a bite must stay from the mesh's edge, so that the suture holds the mesh.
+        defect_within_m: how far the edge of the defect lies inside of the circle; if the circle is smaller than this,
+            there is no defect.
     """
 
     radius_m: float = 0.030
@@ -148,11 +148,11 @@ class Insertion:
 
 @dataclass(frozen=True)
 class Wall:
-    """The body wall: what is between two parallel planes in the world. Ports lie in it, instruments work below it.
+    """The body wall, between two parallel planes in the world. Ports lie in it, instruments work below it.
 
     Attributes:
         up_m: height of its inner surface above the world's origin; 0: there is no wall.
-        thick_m: how far its outer surface is from that.
+        thick_m: distance of its outer surface from the inner one.
         slope_rad: its slope, where it is steepest.
         azimuth_rad: direction in which it rises, counterclockwise from x.
     """
@@ -187,8 +187,9 @@ class Wall:
 class Puller:
     """The port of the second arm, which grasps the needle as it comes out and pulls it through.
 
-    Until then its instrument is drawn back, and then goes straight from the port to the needle's tip: a model that
-    needs no joints. By default it is that of the station ``suture-pair``, if there is a second arm.
+    Until then its instrument is drawn back; then it goes straight from the port to the needle's tip. This model needs
+    no joints. The default place is that of the station ``suture-pair``, but there is no second arm unless ``up_m`` is
+    given.
 
     Attributes:
         azimuth_rad: direction of the port, counterclockwise from x.
@@ -317,9 +318,9 @@ def base_beside(
 
 
 def mirrored(setup: SutureSetup) -> SutureSetup:
-    """Return the mirror image of a setup in the y-z plane of its circle, base and grasp: the second arm (assumed).
+    """Return the mirror image of a setup's base and grasp in the y-z plane of its circle: the second arm (assumed).
 
-    The body wall stays what it is, and nobody pulls.
+    The body wall stays as it is, and there is no second port.
 
     An arm that is symmetric about the plane of its yaw axis, as the PSM is, then moves at pi - theta, in the other
     direction, as it did at theta. The paper does not say where its second arm stands or how it holds the needle.

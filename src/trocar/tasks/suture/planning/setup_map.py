@@ -1,9 +1,9 @@
 """Which circles an arm can sew with a needle, by where its port stands: a map over the base's distance and height.
 
-A circle can be sewn if at every position, in one direction at least, the suture is feasible. Turning the base about the
-circle's axis only turns the positions, so that distance and height say all about a port; a body wall and a second port
-are where they are if it stands in the direction of x. In the middle of the arm's ranges the instrument points at the
-circle's centre, turned about that line as is best. The primitive is scaled with the needle.
+A circle can be sewn if the suture at every position is feasible in at least one direction. Rotating the base about the
+circle's axis only rotates the positions, so distance and height describe a port; a body wall and a second port are
+placed as for a base in the direction of x. In the middle of the arm's ranges the instrument points at the circle's
+centre; several rotations about that line are tried. The primitive is scaled with the needle.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from trocar.tasks.suture.planning.setup import Circle, Insertion, NeedleGrasp, P
 SIDEWAYS_M = np.linspace(0.0, 0.120, 9)
 UP_M = np.linspace(0.060, 0.200, 8)
 RADII_M = np.linspace(0.080, 0.015, 14)
-"""Circles that are tried, the largest first."""
+"""Radii of the circles that are tried, the largest first."""
 SPINS_RAD = np.arange(8) * (TURN / 8)
 APPROACHES_RAD = np.radians([-30.0, -10.0, 10.0, 30.0, 50.0])
 LEANS_RAD = np.radians([0.0, 15.0, 30.0, 45.0, 60.0])
 BEHIND_RAD = math.radians(145.0)
-"""The jaws hold the needle so far behind its tip, or as far as the last grasp allows: nearer they meet the tissue."""
+"""The jaws hold the needle this far behind its tip, or as far as the last grasp allows; nearer they meet the tissue."""
 TO_TAIL_RAD = math.radians(5.0)
 STRAIGHT = Insertion().straight_m / Needle().radius_m
-"""Length of the straight path by the needle's radius: the paper's, with the default needle."""
+"""Ratio of the straight path to the needle's radius: the paper's, with the default needle."""
 COARSE, FINE = 12, 72
-"""Positions at which a setup is tried first, and at which one that passes must pass."""
+"""Number of positions at which a setup is tested first, and then, if it passes, for good."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,8 @@ class SetupMap:
         needle: the needle.
         sideways_m: (x,) horizontal distance of the base from the circle's centre.
         up_m: (y,) its height.
-        radius_m: (y, x) of the largest circle; 0: none of those that were tried.
-        setups: of the largest circle at each place with one, by (y, x).
+        radius_m: (y, x) radius of the largest circle; 0: none of those that were tried.
+        setups: setup of the largest circle at each place that has one, by (y, x).
     """
 
     arm: ArmModel
@@ -60,7 +60,7 @@ class SetupMap:
 
     @property
     def best(self) -> SutureSetup | None:
-        """Return the setup of the largest circle of all, of several the nearest and lowest; None if there is none."""
+        """Return the setup of the largest circle; of several the lowest, then the nearest. None if there is none."""
         if not self.setups:
             return None
         y, x = np.unravel_index(int(np.argmax(self.radius_m)), self.radius_m.shape)
@@ -79,8 +79,8 @@ def setup_map(
     """Return the map of an arm and a needle.
 
     Args:
-        arm: that sutures.
-        needle: that it drives.
+        arm: the arm.
+        needle: the needle.
         sideways_m: (x,) distances of the base.
         up_m: (y,) heights of the base.
         wall: the body wall; default: none.
@@ -101,7 +101,7 @@ def setup_map(
 
 
 def grasps(arm: ArmModel, needle: Needle) -> Iterator[SutureSetup]:
-    """Return setups with grasps in which flat jaws hold the needle, stay above the tissue and bring its tip out."""
+    """Yield setups in which flat jaws can hold the needle, stay above the tissue and bring the needle's tip out."""
     smallest = Circle(max(float(RADII_M.max()), 2 * needle.radius_m))
     for pushes in range(4):
         insertion = Insertion(straight_m=STRAIGHT * needle.radius_m, pushes=pushes)

@@ -37,7 +37,7 @@ USUAL = ("circle", "port", "grasp")
 """The groups that are searched over by default."""
 POPULATION = 48
 COARSE = 72
-"""The grid during the search has so many positions, or a few more."""
+"""During the search the grid is thinned, but to no fewer positions than this."""
 INFEASIBLE_COST, CROSSING_COST = 10.0, 5.0
 """Added to the cost of an infeasible plan, and of one whose sutures cross: more than any reward."""
 
@@ -79,9 +79,9 @@ def search_setup(
 ) -> FoundSetup:
     """Return the best setup found over some of its parameters; never worse than the initial one.
 
-    Flat jaws can hold the needle as it is grasped, the instrument stays above the tissue, the bites hold the mesh and
-    do not cross. Without a body wall only the bounds keep arm and port clear of the patient. Margin and manipulability
-    are scaled alike in all setups; with a scale of its own for each, rewards would not be comparable.
+    Setups are preferred in which flat jaws can hold the needle, the instrument stays above the tissue, and the bites
+    hold the mesh and do not cross. Without a body wall, only the bounds keep arm and port clear of the patient. Margin
+    and manipulability are scaled alike in all setups, so that rewards are comparable.
 
     Args:
         start: gives reward, scales and grid, of which about ``COARSE`` positions are used during the search.
@@ -92,12 +92,15 @@ def search_setup(
         planner: makes the best plan of a map.
         evaluations: approximate number of setups to evaluate.
         progress: called with the number of setups evaluated and the number planned.
+
+    Raises:
+        InvalidInput: a parameter, its bounds, the grasp, the grid or the number of evaluations does not allow a search.
     """
     here = setup or start.setup
     limits = free_bounds(here, free, bounds)
     size = len(start.thetas_rad)
     stride = max(1, size // COARSE)
-    planner(start)  # what is wrong with its settings is told before a search of minutes
+    planner(start)  # raises for wrong settings, before a search of minutes
     if evaluations < 2 * POPULATION:
         raise InvalidValue("the number of evaluations", evaluations, f"give at least {2 * POPULATION}")
     if size % stride:
@@ -121,7 +124,7 @@ def search_setup(
             progress(min(evaluated, evaluations), evaluations)
         try:
             there = with_parameters(here, dict(zip(free, x.tolist(), strict=True)))
-        except InvalidInput:  # a needle larger than the circle allows, a grasp beyond its tail
+        except InvalidInput:  # such as a needle that is too large for the circle, or a grasp beyond its tail
             return 4 * INFEASIBLE_COST
         return _cost(there, start, thetas, planner)
 
@@ -145,11 +148,11 @@ def _scaled_like(start: DexterityMap, setup: SutureSetup, thetas_rad: NDArray[np
 
 
 def _cost(setup: SutureSetup, start: DexterityMap, thetas_rad: NDArray[np.float64], planner: Planner) -> float:
-    """Return minus the reward of a setup's best plan.
+    """Return minus the reward of a setup's best plan, or a penalty if the plan is not sound.
 
-    Setups without a sound one cost more the worse they are, in ranks that do not overlap, so that the evolution is led
-    out of them: jaws in the tissue or unholdable grasp, bites that do not hold the mesh or come out, plan out of reach,
-    sutures that cross, sound plan.
+    Penalties grow with what is wrong, to lead the evolution out, in ranges that do not overlap. From worst to best:
+    jaws in the tissue or a grasp that flat jaws cannot hold; bites that do not come out or do not hold the mesh; a plan
+    out of reach; sutures that cross.
     """
     if unsound := _cost_of_grasp_and_bite(setup):
         return unsound
@@ -165,7 +168,7 @@ def _cost(setup: SutureSetup, start: DexterityMap, thetas_rad: NDArray[np.float6
 
 
 def _cost_of_grasp_and_bite(setup: SutureSetup) -> float:
-    """Return what is wrong with the grasp or the bite, wherever a suture is; 0 if nothing is."""
+    """Return the penalty for grasp and bite, which are the same at every position; 0 if both are sound."""
     if (height_m := jaws_above_m(setup)) < 0:
         return 3 * INFEASIBLE_COST + 1 - height_m
     if not setup.grasp.holdable:
@@ -207,5 +210,5 @@ def _check_bounds(setup: SutureSetup, name: str, low: float, high: float) -> Non
     for end in (low, high):
         if part in ("base", "center"):
             with_parameters(setup, {name: end})
-        else:  # the part alone: with other free parameters, a setup may hold it
+        else:  # check the part alone: other free parameters may make the whole setup valid
             replace(getattr(setup, part), **{number: end})

@@ -96,7 +96,7 @@ class LambdaSweep:
 
     @property
     def travel_rad(self) -> float:
-        """Return how far the best plan turns from the first lambda to the last, each step the shorter way round.
+        """Return how far the best plan turns from the first lambda to the last, taking the shorter way at each step.
 
         Plans a quarter of a turn apart are the same, so theta_1 is periodic in the gap between two sutures.
         """
@@ -109,11 +109,11 @@ class LambdaSweep:
 
     @property
     def like_paper(self) -> tuple[int, int] | None:
-        """Return two lambdas (indices) between which the best plan turns as in the paper; None if there are none.
+        """Return the indices of two lambdas between which the best plan turns as in the paper; None if there are none.
 
-        The paper gives no lambda. At the first, the best start is near the paper's first; at the second, a larger one,
-        near its last; in between it only turns that way, apart from single steps of the grid. Of several such pairs it
-        is the nearest.
+        The paper gives no values of lambda. At the smaller lambda, the best theta_1 is near the paper's first; at the
+        larger one, it is near the paper's last; in between it only turns that way, apart from single steps of the grid.
+        Of several such pairs, the one nearest to the paper is returned.
         """
         (first, last), gap = np.radians(PAPER_BEST_THETA_DEG), TURN / SUTURES
         turned, near = self._unwound_rad, np.radians(NEAR_DEG) + 1e-9
@@ -209,17 +209,17 @@ class SutureStudy:
 
 
 def study(map: DexterityMap, fitted: tuple[str, ...] = ()) -> SutureStudy:
-    """Return the paper's experiments on a setup; the number of positions is a multiple of four.
+    """Return the paper's experiments on a setup.
 
     Args:
-        map: of the setup.
-        fitted: names of its parameters that were fitted to the paper's figures.
+        map: the setup's map; the number of positions has to be a multiple of four.
+        fitted: names of the setup's parameters that were fitted to the paper's figures.
     """
     return SutureStudy(map, table_1(map), lambda_sweep(map), fitted)
 
 
 def fitted_note(fitted: Sequence[str]) -> str:
-    """Return a sentence on what was fitted, to stand beside every figure that was; empty if nothing was."""
+    """Return a sentence that names what was fitted, to stand beside every fitted figure; empty if nothing was."""
     if not fitted:
         return ""
     named = ", ".join(name.rpartition("_")[0].replace("_", " ") for name in fitted)

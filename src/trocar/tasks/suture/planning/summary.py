@@ -41,7 +41,7 @@ ARCS_NAMED, PAIRS_NAMED = 3, 3
 
 
 def plan_summary(map: DexterityMap, plan: SuturePlan) -> dict[str, Any]:
-    """Return a plan for the setup of this map, and the reasons for it, as plain values, angles in degrees."""
+    """Return a plan for this map's setup, and the reasons for it, as plain values with angles in degrees."""
     setup, reward = map.setup, map.reward
     sutures = sutures_at(setup, plan.positions_rad, plan.directions)
     problem = "" if plan.feasible else circle_out_of_reach(map.joints) or plan_out_of_reach(sutures)
@@ -89,9 +89,9 @@ def _asked(plan: SuturePlan) -> dict[str, Any]:
 
 
 def bites(sutures: Sequence[Suture]) -> dict[str, Any]:
-    """Return where sutures enter, hold and come out, as angles round the circle, and the gaps of their mid-bites.
+    """Return where sutures enter, hold and come out, as angles round the circle, and the gaps between their mid-bites.
 
-    Where a needle never comes out, the place at which its tip stops counts as its exit.
+    If a needle never comes out, the place where its tip stops counts as its exit.
     """
     ends = np.stack([suture.ends_m for suture in sutures])
     angles = [np.arctan2(at[:, 1], at[:, 0]) % TURN for at in (ends[:, 0], ends[:, 1], ends.mean(1))]
@@ -178,11 +178,11 @@ def plan_out_of_reach(sutures: Sequence[Suture]) -> str:
 
 
 def relative_excess(joints: SutureJoints) -> NDArray[np.float64]:
-    """Return by how much (2, n, 10) each joint leaves its range, as a share of it, and what else lacks likewise.
+    """Return by how much (2, n, 10) sutures violate each constraint, as shares; 0 where they do not.
 
-    The last four are what is lacking of the safe depth, and of the distance from tissue, body wall and second arm as
-    shares of the fingers' length. Where nothing lacks but that the second arm cannot pull the needle through, it is
-    next to nothing.
+    First the six joints, as shares of their ranges; then the wrist's depth, as a share of the safe depth; then the
+    distances from tissue, body wall and second arm, as shares of the fingers' length. If the second arm cannot pull the
+    needle through, the last share is next to nothing, but not 0.
     """
     arm = joints.arm
     arms_apart_m = np.where(np.isneginf(joints.arms_apart_m), -LIMIT_TOLERANCE, joints.arms_apart_m)
@@ -249,17 +249,17 @@ def _in_the_way(joints: SutureJoints, which: int) -> str:
 
 
 def _clearance(left_m: float, asked_m: float, within: str, off: str) -> str:
-    """Return in words how far apart two things are, given what is left of the distance that is asked of them."""
+    """Return in words how far apart two things are, given their clearance less the required one, and that."""
     if left_m + asked_m < 0:
         return f"{shown(-left_m - asked_m, 'm')} {within}"
     return f"{shown(left_m + asked_m, 'm')} {off}, {shown(-left_m, 'm')} less than {shown(asked_m, 'm', '.0f')}"
 
 
 def _on_nearest_branch(joints: SutureJoints, row: int, position: int) -> SutureJoints:
-    """Return one suture in those joints, of all that hold the needle as planned, that leave the ranges least.
+    """Return one suture on the branch of the inverse kinematics that violates the constraints least.
 
-    The arm's own branch may lack far more: it puts the wrist on the other side of the remote centre where another one
-    only needs more of a wrist joint.
+    The arm's usual branch may violate them far more: it may put the wrist on the other side of the remote centre where
+    another branch only exceeds the range of a wrist joint.
     """
     arm, samples = joints.arm, path_samples(joints.setup)
     q, real = ik_branches(arm, fk(arm, joints.q[row, position]))

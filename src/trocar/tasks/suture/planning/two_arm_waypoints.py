@@ -1,4 +1,4 @@
-"""The waypoints of two arms that sew round a circle, for robots: both arms of a stitch on one clock."""
+"""The waypoints of two arms that sew round a circle, for robots; both arms of a stitch share one clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trocar.tasks.suture.planning.two_arms import SecondArm, TwoArmPlan
 from trocar.tasks.suture.planning.waypoints import COLUMNS, Timeline, Waypoints, rows
 
 PULLING_M_S, TRAVEL_M_S = 0.010, 0.020
-"""Mean speeds of the jaws that pull the needle through, and of those that come, go or carry it."""
+"""Mean speeds of the jaws when they pull the needle through, and when they come, go or carry it."""
 TWO_ARM_COLUMNS = ("arm", *COLUMNS)
 """Columns of the table of stitches by two arms."""
 Pair = tuple[Waypoints, Waypoints]
@@ -24,12 +24,12 @@ Pair = tuple[Waypoints, Waypoints]
 def two_arm_waypoints(sutures: Sequence[Suture], plan: TwoArmPlan, home_q: np.ndarray, second: SecondArm) -> list[Pair]:
     """Return the waypoints of all stitches, from both arms' homes to where the second holds the last needle up.
 
-    The arms take turns: one rests while the other moves. Of the handovers, these are the first of each. A robot should
+    The arms take turns: one rests while the other moves. The first alternative of each handover is used. A robot should
     look where the needle is before each grasp, as the simulated arms do: the waypoints say where it should be.
 
     Args:
         sutures: in order, with the first arm and its base.
-        plan: what comes between them.
+        plan: what the arms do between the sutures.
         home_q: (6,) where the first arm rests while the second one moves.
         second: the second arm.
     """
@@ -91,6 +91,6 @@ def _take(timeline: Timeline, segment: Segment) -> None:
 
 
 def _travel(timeline: Timeline, jaw_rad: float, segment: Segment) -> None:
-    """Go along a segment with the jaws like this."""
+    """Go along a segment with this opening of the jaws."""
     timeline.jaw(jaw_rad)
     timeline.move(segment.name, segment.q, segment.length_m / TRAVEL_M_S)

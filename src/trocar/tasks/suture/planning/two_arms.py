@@ -1,4 +1,4 @@
-"""The plan of two arms that sew round a circle: who holds the needle how, from its stand to the last pull."""
+"""Plan what two arms do to sew round a circle: who holds the needle how, from its stand to the last pull."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ class SecondArm:
     """The arm that pulls.
 
     Attributes:
-        model: of the arm.
-        T_world_base: its base.
+        model: the arm's model.
+        T_world_base: pose of its base.
         home_q: (6,) where it rests while the first arm drives.
     """
 
@@ -56,7 +56,7 @@ class TwoArmPlan:
     """What the two arms do between the first one's sutures.
 
     Attributes:
-        stand: the first arm's way to its grasp of the needle in its stand, and from there up with it.
+        stand: the first arm's paths to its grasp of the needle in the stand, and up from there with the needle.
         pulls: the second arm's part of each suture.
         handovers: from each suture to the next, the best first; one set fewer than there are sutures.
     """
@@ -66,7 +66,7 @@ class TwoArmPlan:
     handovers: tuple[tuple[Handover, ...], ...]
 
     def joints(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return all joints (n, 6) of the first arm, and (k, 6) of the second, on these ways."""
+        """Return all joints (n, 6) of the first arm, and (k, 6) of the second, on these paths."""
         first = [*self.stand, *(each.take for alternatives in self.handovers for each in alternatives)]
         second = [way for pull in self.pulls for grip in pull.grips for way in grip_segments(grip)]
         second += [way for pull in self.pulls for way in out_segments(pull.grips[-1])]
@@ -82,10 +82,11 @@ def plan_pulled(
     second: SecondArm,
     recorded: Demonstrations | None = None,
 ) -> tuple[DexterityMap, SuturePlan]:
-    """Return the best plan whose needles this second arm can all pull through, and the map of a setup with its port.
+    """Return the map of a setup with the second arm's port, and the best plan whose needles this arm can pull through.
 
-    Feasibility comes first. A suture of the best plan that the second arm cannot pull through is forbidden, and the
-    best of the other plans taken, until none is; so no better plan is overlooked.
+    Feasibility comes first. Sutures of the best plan that the second arm cannot pull through are forbidden, and the
+    best of the remaining plans is taken, until all of its sutures can be pulled. So no better plan is overlooked. If no
+    plan remains feasible, the returned one is infeasible.
 
     Args:
         preset: setup and reward.
@@ -93,7 +94,7 @@ def plan_pulled(
         positions: of the grid.
         first_home_q: (6,) where the first arm rests while the second one moves.
         second: the other arm.
-        recorded: demonstrations that M comes from.
+        recorded: demonstrations that M comes from; default: the surrogate.
     """
     setup = replace(preset.setup, puller=Puller.at(second.T_world_base.translation_m))
     map = dexterity(setup, replace(preset.reward, feasible_first=True), positions, recorded)
@@ -124,17 +125,17 @@ def plan_two_arms(
     T_world_stand: SE3,
     cameras: Sequence[SE3],
 ) -> TwoArmPlan:
-    """Return how the second arm pulls each needle through and hands it back, and how the first takes it from its stand.
+    """Return how the first arm takes the needle from its stand, and how the second pulls it through and hands it back.
 
     Args:
         sutures: in order, with the first arm and its base.
         home_q: (6,) where the first arm rests while the second one moves.
         second: the other arm.
-        T_world_stand: of the stand, z up.
-        cameras: their poses in the world; the nearest to the circle looks at the needle.
+        T_world_stand: pose of the stand, z up.
+        cameras: the cameras' poses in the world; the one nearest to the circle looks at the needle.
 
     Raises:
-        OutOfReach: an arm cannot do its part; names what.
+        OutOfReach: an arm cannot do its part; the message names it.
     """
     setup = sutures[0].setup
     if misplaced := misplaced_port(replace(setup, puller=Puller.at(second.T_world_base.translation_m))):
@@ -161,10 +162,10 @@ def plan_two_arms(
 
 
 def from_stand(suture: Suture, T_world_stand: SE3) -> tuple[Segment, Segment]:
-    """Return the first arm's way to its grasp of the needle in the stand, and straight up with it.
+    """Return the first arm's paths to its grasp of the needle in the stand, and straight up with the needle.
 
     Raises:
-        OutOfReach: it does not reach the needle there.
+        OutOfReach: the arm does not reach the needle there.
     """
     setup = suture.setup
     T_circle_needle = setup.circle.T_world_circle.inverse() @ T_world_stand @ T_stand_needle(setup.needle)
@@ -176,14 +177,14 @@ def from_stand(suture: Suture, T_world_stand: SE3) -> tuple[Segment, Segment]:
 
 
 def rising(setup: SutureSetup, q: NDArray[np.float64]) -> Segment:
-    """Return the way straight up from joints (6,)."""
+    """Return the path straight up from joints (6,)."""
     up = shifted(setup.T_base_circle.inverse() @ fk(setup.arm, q), np.zeros(3), LIFTED_M * UP)
     risen = ik_unbounded(setup.arm, setup.T_base_circle @ up, near=np.broadcast_to(q, (len(up.matrix), 6)))
     return Segment("rise", risen, LIFTED_M)
 
 
 def _require_apart(second: SecondArm, path: NDArray[np.float64], suture: Suture) -> None:
-    """Raise unless the second arm comes to a suture's end without coming near the first one, which holds the needle."""
+    """Raise OutOfReach if the second arm, on this path to a suture's end, comes too near to the first, which waits."""
     coming = capsules(second.model, path, JAW_OPEN_RAD).moved(second.T_world_base)
     if capsule_distances_m(coming, holding_still(suture)).min() < APART_M:
         raise OutOfReach(f"the second arm meets the first on its way to {suture}; place it elsewhere")

@@ -26,10 +26,10 @@ SHARES = minimum_jerk(np.linspace(0.0, 1.0, 1001))
 OPENED = ("withdraw", "rise")
 """Segments, besides regrasps, on which the jaws are open."""
 GENTLE, AWAY = 0.2, 24
-"""Share of the limits that is used on ways from one place to another, with the least jerk, and their waypoints."""
+"""Share of the limits that a minimum-jerk motion from place to place uses, and the number of its waypoints."""
 DIGITS = 9
 JOINT_NAMES = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
-"""CRTK's names of the joints, whatever an arm's own are."""
+"""CRTK's names of the joints, for all arms."""
 POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 """Columns of a pose: position, then the quaternion with its real part last, as in CRTK."""
 UNITS = ("rad", "rad", "m", "rad", "rad", "rad")
@@ -43,7 +43,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Waypoints:
-    """Waypoints of one stitch. The needle is in the jaws at the first; time begins there.
+    """Waypoints of one stitch. At the first, the needle is in the jaws and time begins.
 
     Attributes:
         suture: the stitch.
@@ -62,7 +62,7 @@ class Waypoints:
     poses: NDArray[np.float64]
 
     def values(self) -> dict[str, Any]:
-        """Return them as JSON values."""
+        """Return the waypoints as JSON values."""
         return {
             "theta_rad": self.suture.theta_rad,
             "direction": self.suture.direction,
@@ -75,9 +75,9 @@ class Waypoints:
 
 
 def waypoints(suture: Suture) -> Waypoints:
-    """Return the waypoints of a feasible stitch, in the speeds at which a simulated arm drives it.
+    """Return the waypoints of a feasible stitch, at the speeds at which a simulated arm drives it.
 
-    Each movement begins and ends at rest, with the least jerk.
+    Each movement is a minimum-jerk motion from rest to rest.
     """
     timeline = Timeline(suture.setup.arm)
     for segment in suture_segments(suture):
@@ -86,14 +86,14 @@ def waypoints(suture: Suture) -> Waypoints:
 
 
 class Timeline:
-    """Movements of an arm one after the other, as rows.
+    """Successive movements of an arm, collected as waypoints.
 
     Args:
         arm: the arm, its jaws closed.
-        start_q: (6,) where it is at first; None: where the first of them begins.
+        start_q: (6,) joints at first; None: where the first movement begins.
 
     Attributes:
-        now_s: when the last of them ends.
+        now_s: when the last movement ends.
     """
 
     def __init__(self, arm: ArmModel, start_q: NDArray[np.float64] | None = None):
@@ -106,9 +106,10 @@ class Timeline:
             self._add("start", np.zeros(1), start_q[None], self._jaw)
 
     def go(self, q: NDArray[np.float64]) -> None:
-        """Go straight to joints (6,), each within ``GENTLE`` of its limits of velocity and acceleration."""
+        """Go straight to joints (6,), each within a share ``GENTLE`` of its limits of velocity and acceleration."""
         path, limits = np.linspace(self._paths[-1][-1], q, AWAY), MOTION_LIMITS["paper"]
         way = np.abs(path[-1] - path[0]) / GENTLE
+        # 1.875 and 5.774: peak velocity and acceleration of a minimum-jerk motion of length 1 in 1 s
         seconds = max((1.875 * way / limits.velocity).max(), np.sqrt(5.774 * way / limits.acceleration).max())
         self.move("go", path, float(seconds))
 
@@ -119,14 +120,14 @@ class Timeline:
             self.move(part.name, part.q, part.length_m / (part.free_m_s or DRIVING_M_S))
 
     def jaw(self, wanted_rad: float) -> None:
-        """Open or close the jaws, if they are not."""
+        """Open or close the jaws, unless they are so already."""
         if wanted_rad != self._jaw and self._paths:
             self.now_s += JAW_S
             self._add("open" if wanted_rad > self._jaw else "close", np.zeros(1), self._paths[-1][-1:], wanted_rad)
         self._jaw = wanted_rad
 
     def move(self, name: str, q: NDArray[np.float64], seconds: float) -> None:
-        """Move along joints (k, 6) in this time; the first are left out where the last movement ended."""
+        """Move along joints (k, 6) in this time; the first row is left out unless it is the timeline's first."""
         if len(q) < 2:
             return
         share = np.interp(np.linspace(0.0, 1.0, len(q)), SHARES, np.linspace(0.0, 1.0, len(SHARES)))
@@ -147,7 +148,7 @@ class Timeline:
         self._jaws.append(np.full(len(q), jaw_rad))
 
     def waypoints(self, suture: Suture) -> Waypoints:
-        """Return all rows, as those of a stitch."""
+        """Return all movements so far as the waypoints of a stitch."""
         q = np.concatenate(self._paths)
         tip = fk(self._arm, q)
         poses = np.concatenate([tip.translation_m, np.roll(tip.rotation.as_quaternion(), -1, axis=-1)], axis=-1)
