@@ -218,6 +218,7 @@ def normal_equations(
     missed, by_missed = ray_distances(evidence.through, T, needle)
     entered, by_entered = ray_distances(evidence.past, T, needle)
     depth_sd_m = float(1.48 * np.median(np.abs(behind))) if len(behind) else np.inf
+    # a ray counts only if it is on the wrong side of the wire's surface
     missed, entered = np.maximum(missed, 0.0), np.minimum(entered, 0.0)
     ray_sd_m = RAY_SD_PX * evidence.pixel_m
     residual = np.concatenate([behind / POINT_SD_M, missed / ray_sd_m, entered / ray_sd_m])

@@ -43,7 +43,7 @@ driving a needle is quasi-static. A fallen needle that nobody touches has no add
 UNHELD_S = 0.1
 """A needle falls when nothing has held or touched it for this long; closing jaws lose contact for moments."""
 GROUND_BIT = 2**30
-"""Contact bit with which a fallen needle meets phantom, stand and table; before, it passes through them."""
+"""Contact bit with which a fallen needle meets phantom, stand and table; otherwise it passes through them."""
 GROUND = {"contype": 0, "conaffinity": GROUND_BIT, "friction": (0.6, 0.002, 0.0001), "solref": (0.002, 1.0)}
 """Attributes of the geoms on which a fallen needle comes to rest (friction assumed)."""
 LET_GO_N = 1.0

@@ -50,9 +50,10 @@ about the normal of wire and closing direction. (In the same grips, .07 mm and .
 CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
 """Covariance of the camera's position in the arm's base, m; all sightings share this error."""
 DOUBT = 4.0
-"""After a rejected sighting, all variances are multiplied by this."""
+"""Factor by which ``NeedleEstimator.doubt`` multiplies variances, as after a rejected sighting."""
 DOUBTS = 2
-"""After so many rejections in a row, everything seen before is discarded: the first estimate was wrong."""
+"""After this many rejections in a row of a needle in the jaws, everything seen before is discarded: the first estimate
+was wrong."""
 UNLIKELY = float(chi2.ppf(0.999, 6))
 """Squared Mahalanobis distance that one sighting in a thousand exceeds by chance."""
 
@@ -115,7 +116,7 @@ class NeedleEstimator:
         return np.asarray(self._tip_parts(T_base_tip)[0] @ self._mean)
 
     def loaded(self, T_tip_needle: SE3) -> None:
-        """Start again: a person has put the needle into the jaws near this pose."""
+        """Start again, except for the tip's lasting error: a person has put the needle into the jaws near this pose."""
         self._T_tip_needle_planned, self._T_base_resting = T_tip_needle, None
         self._keep(np.arange(12))
         self._places = self._places[:0]
@@ -192,6 +193,7 @@ class NeedleEstimator:
         self._visit(T_base_tip)
         of_needle, _ = self._of_needle(T_base_tip)
         away = (before.T_base_needle.inverse() @ after.T_base_needle).log()
+        # carries the change of the needle's estimate over to the whole state
         gain = self._covariance @ of_needle.T @ np.linalg.inv(before.covariance)
         self._mean = self._mean + gain @ away
         self._covariance = self._covariance - gain @ (before.covariance - after.covariance) @ gain.T
@@ -275,6 +277,7 @@ class NeedleEstimator:
         """Account for the jaws closing: they moved the needle with this covariance, and its wire is in their plane."""
         of_grasp = self._T_needle_grasp().adjoint()
         self._covariance[NEEDLE, NEEDLE] += of_grasp @ covariance @ of_grasp.T
+        # a Kalman update with the measurement that the wire lies in the jaws' plane
         flat = np.zeros((2, len(self._mean)))
         flat[:, NEEDLE] = np.linalg.inv(of_grasp)[FLAT]
         gain = self._covariance @ flat.T @ np.linalg.inv(flat @ self._covariance @ flat.T + np.diag(FLAT_SD**2))

@@ -329,7 +329,7 @@ class NeedleTracker:
         return seen is not None and not accepted
 
     async def find(self) -> bool:
-        """Look until the needle is seen, each time expecting it less exactly; return whether it was seen."""
+        """Look until the needle is seen, searching more widely each time; return whether it was seen."""
         for _ in range(FINDING_LOOKS):
             await self.look()
             if self.seen:

@@ -115,6 +115,7 @@ def inside_wall_m(
     highest = np.fmax(highest, pitch_axis + max(shape.shaft_radius_m, shape.wrist_radius_m))
     centre_m = wall.over_inside_m(T.translation_m)
     port_over_m = wall.over_inside_m(port_m)
+    # the shaft goes on straight from the wrist through the port to the drive unit
     depth_m = np.maximum(wrist_depth_m(arm, q), 1e-3)
     rises = (port_over_m - centre_m - pitch_axis) / depth_m
     outside = port_over_m - wall.thick_m + rises * (shape.shaft_length_m - depth_m) - np.hypot(*DRIVE_M[:2]) / 2

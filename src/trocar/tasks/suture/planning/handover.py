@@ -72,7 +72,7 @@ class Handover:
         T_circle_needle: where the needle is held still meanwhile.
         take: path of the taking arm to its grasp, along its jaws' own axis.
         part: path of the giving arm away from its grasp, likewise; at its first joints it holds the needle.
-        room_rad: least room of the turning joints to their limits, of both arms.
+        room_rad: least room of both arms' rotary joints to their limits.
         apart_m: least distance of the two instruments, from the taker's home to its grasp and back to the giver's home.
     """
 
@@ -89,14 +89,14 @@ class Places:
 
     Attributes:
         T_circle_needle: (n,) poses of the needle.
-        room_rad: (n,) room of the taker's turning joints.
+        room_rad: (n,) room of the taker's rotary joints to their limits.
     """
 
     T_circle_needle: SE3
     room_rad: NDArray[np.float64]
 
     def both_rad(self, giver: SutureSetup) -> NDArray[np.float64]:
-        """Return the room (n,) of the turning joints of both arms."""
+        """Return the room (n,) of both arms' rotary joints to their limits."""
         return np.minimum(self.room_rad, _room_at(giver, self.T_circle_needle))
 
 
@@ -115,6 +115,7 @@ def handover_places(taker: SutureSetup, p_circle_camera_m: NDArray[np.float64]) 
     poses = []
     for x, y, up_m in product(BEHIND, BEHIND, HEIGHTS_M):
         behind = taker.circle.radius_m * np.array([x, y, 0.0])
+        # on the line of sight to that point of the tissue, at this height
         place = behind + (p_circle_camera_m - behind) * up_m / p_circle_camera_m[2]
         sight = p_circle_camera_m - place
         facing = attitudes[np.abs(attitudes[:, :, 2] @ sight) > FACES * np.linalg.norm(sight)]

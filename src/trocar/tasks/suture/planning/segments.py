@@ -93,14 +93,14 @@ class Segment:
         return BACK_M_S if self.beyond else FREE_M_S.get(self.name)
 
     def first(self, count: int) -> Segment:
-        """Return the path along the first waypoints."""
+        """Return the path along the first ``count`` waypoints."""
         q = self.q[:count]
         return replace(self, q=q, length_m=self.length_m * len(q) / max(1, len(self.q)))
 
     def first_outside(self, arm: ArmModel, room_rad: float = 0.0) -> tuple[int, int] | None:
         """Return (waypoint, joint) where the path first leaves a joint's range, or None; joint -1: no solution there.
 
-        Rotary joints keep this margin to their limits.
+        Rotary joints have to keep ``room_rad`` to their limits.
         """
         lower, upper = ranges(arm)
         room = np.where(arm.turns > 0, room_rad, 0.0)

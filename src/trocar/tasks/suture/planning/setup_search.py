@@ -50,10 +50,10 @@ class FoundSetup:
         start: the best plan of the initial setup.
         best: map of the best setup found, scaled like the map that the search started from.
         plan: the best plan there.
-        sound: whether it can be recommended: it is feasible, the needle comes out, holds the mesh and can be held, and
-            no sutures cross.
-        values: of the free parameters.
-        bounds: of the free parameters.
+        sound: whether it can be recommended: flat jaws can hold the needle above the tissue, the needle comes out,
+            bites hold the mesh, no sutures cross and, if the reward puts feasibility first, the plan is feasible.
+        values: values of the free parameters.
+        bounds: bounds of the free parameters.
         evaluations: number of setups evaluated.
     """
 

@@ -249,7 +249,7 @@ def _in_the_way(joints: SutureJoints, which: int) -> str:
 
 
 def _clearance(left_m: float, asked_m: float, within: str, off: str) -> str:
-    """Return in words how far apart two things are, given their clearance less the required one, and that."""
+    """Return in words how far apart two things are; ``left_m`` is that distance less the required ``asked_m``."""
     if left_m + asked_m < 0:
         return f"{shown(-left_m - asked_m, 'm')} {within}"
     return f"{shown(left_m + asked_m, 'm')} {off}, {shown(-left_m, 'm')} less than {shown(asked_m, 'm', '.0f')}"

@@ -184,7 +184,7 @@ def rising(setup: SutureSetup, q: NDArray[np.float64]) -> Segment:
 
 
 def _require_apart(second: SecondArm, path: NDArray[np.float64], suture: Suture) -> None:
-    """Raise OutOfReach if the second arm, on this path to a suture's end, comes too near to the first, which waits."""
+    """Raise OutOfReach if the second arm, on this path to a suture's end, comes too near to the first arm there."""
     coming = capsules(second.model, path, JAW_OPEN_RAD).moved(second.T_world_base)
     if capsule_distances_m(coming, holding_still(suture)).min() < APART_M:
         raise OutOfReach(f"the second arm meets the first on its way to {suture}; place it elsewhere")
