@@ -63,8 +63,7 @@ class Settings:
             play before the needle's next movement.
         entry_speed_m_s: the same where the tip goes in, after the last looks.
         exit_speed_m_s: likewise where it comes out.
-        travel_speed_m_s: mean speed, with two arms, at which jaws come to the needle, leave it or lift it, m/s; the
-            first arm takes it at half of this.
+        travel_speed_m_s: mean speed of two arms' jaws as they leave or lift the needle, or come to it, m/s.
         pulling_speed_m_s: mean speed at which a second arm pulls the needle through, m/s.
         jaw_open_rad: opening that clears the wire.
         jaw_closed_rad: target that lets the drive press.

@@ -52,8 +52,7 @@ CAMERA = np.diag(np.repeat([0.1e-3, 0.0], 3) ** 2)
 DOUBT = 4.0
 """Factor by which ``NeedleEstimator.doubt`` multiplies variances, as after a rejected sighting."""
 DOUBTS = 2
-"""After this many rejections in a row of a needle in the jaws, everything seen before is discarded: the first estimate
-was wrong."""
+"""After this many rejections in a row of a needle in the jaws, the first estimate was wrong: all is discarded."""
 UNLIKELY = float(chi2.ppf(0.999, 6))
 """Squared Mahalanobis distance that one sighting in a thousand exceeds by chance."""
 
@@ -86,8 +85,7 @@ class NeedleEstimator:
 
     The tip's error is a shift and a rotation about the tip, both in the base's axes. One part of it lasts for the whole
     session; the other comes from errors of the joints, which depend on where the jaws are, and on the time. The
-    needle's error is a twist in its own frame: of its pose in the jaws or, while something else holds it, of the pose
-    in which it rests.
+    needle's error is a twist in its own frame: of its pose in the jaws or, while something else holds it, at rest.
 
     Args:
         arm: the arm.
@@ -139,13 +137,7 @@ class NeedleEstimator:
         self._mean[NEEDLE], self._T_base_resting = 0.0, needle.T_base_needle
 
     def regrasped(self, T_base_tip: SE3, T_tip_needle: SE3, closing: NDArray[np.float64] = CLOSING) -> None:
-        """Account for the jaws closing here on a resting needle, in the planned grasp, and moving it a little.
-
-        Args:
-            T_base_tip: pose to which the tip is commanded.
-            T_tip_needle: planned pose of the needle in the jaws.
-            closing: covariance (6, 6) of the needle's motion, in the grasp's axes.
-        """
+        """Account for the jaws closing here, in the planned grasp, on a resting needle, which this moves a little."""
         self._visit(T_base_tip)
         needle = self.needle(T_base_tip).T_base_needle
         self._T_tip_needle_planned, self._T_base_resting = T_tip_needle, None

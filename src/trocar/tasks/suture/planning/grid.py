@@ -230,10 +230,7 @@ def ranks(map: DexterityMap) -> NDArray[np.intp]:
 
 
 def plan_on_grid(map: DexterityMap, where: NDArray[np.intp], choice: NDArray[np.intp]) -> SuturePlan:
-    """Return the plan with these indices (n,) of the map's positions and rows (n,) of directions, and its bound.
-
-    It has to be the best plan on the map's grid.
-    """
+    """Return the map's best plan with its bound, given indices (n,) of its positions and rows (n,) of directions."""
     order = np.argsort(where)
     where, choice = where[order], choice[order]
     rewards, feasible = map.values[choice, where], map.joints.feasible[choice, where]
@@ -252,11 +249,10 @@ def plan_on_grid(map: DexterityMap, where: NDArray[np.intp], choice: NDArray[np.
 def refined(map: DexterityMap, plan: SuturePlan, spacing: Spacing) -> SuturePlan:
     """Return a plan at any angles that is at least as good as a plan on the map's grid that meets the spacing.
 
-    It begins at the better of that plan and the best on a finer grid, since the dexterity has several local maxima. A
-    pattern search follows: a run of neighbouring sutures moves by a step, either way; the best such move is made or, if
-    none is better, the step is halved. Neighbours move together because gaps at their bounds couple them. As on the
-    grid, the worst suture counts; among infeasible plans, if the reward puts feasibility first, the worst infeasible
-    one.
+    It begins at the better of that plan and the best on a finer grid, since the dexterity has several maxima. A pattern
+    search follows: a run of neighbouring sutures moves by a step, either way; the best such move is made or, if none is
+    better, the step is halved. Neighbours move together because gaps at their bounds couple them. As on the grid, the
+    worst suture counts; among infeasible plans, if the reward puts feasibility first, the worst infeasible one.
     """
     finer = _on_finer_grid(map, plan, spacing)
     thetas = finer.positions_rad

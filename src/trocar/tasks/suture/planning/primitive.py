@@ -364,15 +364,9 @@ def with_clearances(
     T_circle_tip: SE3,
     rows: slice = slice(None),
 ) -> SutureJoints:
-    """Return the sutures with these joints, and their clearances.
+    """Return the sutures with these joints (2, n, k, 6), and their clearances.
 
-    Args:
-        setup: the geometry.
-        thetas_rad: (n,) positions.
-        q: (2, n, k, 6) joints, or those of some rows of ``DIRECTIONS``.
-        samples: the k samples.
-        T_circle_tip: (2, k) poses of the tip at theta = 0, in the same rows.
-        rows: the rows of ``DIRECTIONS``.
+    The tip's poses (2, k) are those of the samples at theta = 0. Joints and poses may be of some ``rows`` alone.
     """
     inside_m = apart_m = np.full(q.shape[:2], np.inf)
     if setup.wall.up_m:

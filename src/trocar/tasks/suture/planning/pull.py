@@ -138,8 +138,7 @@ def plan_pull(
         arm: the second arm.
         T_world_base: pose of its base.
         first_home_q: (6,) where the first arm goes when it has let go.
-        worth: returns the joints' room, rad, in what follows the second grip, which keeps the needle; None: nothing
-            follows.
+        worth: returns the joints' room, rad, in what follows the second grip; None: nothing follows.
 
     Raises:
         OutOfReach: there are no such grasps.

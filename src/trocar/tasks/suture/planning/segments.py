@@ -115,9 +115,8 @@ class Segment:
 def suture_segments(suture: Suture) -> tuple[Segment, ...]:
     """Return the segments of one suture: ``lower``, ``approach``, the primitive's steps, ``withdraw``, ``rise``.
 
-    The roll has the same winding as in the plan, because the primitive alone decides it. The ways in and out are cut
-    short where they would leave the joints' ranges; the primitive is not. To drive the suture, its setup needs the
-    registered base.
+    The base in its setup is the registered one. The roll has the same winding as in the plan, because the primitive
+    alone decides it. The ways in and out are cut short where they would leave the joints' ranges; the primitive is not.
     """
     setup = suture.setup
     into = suture.turned(tip_poses(setup, _spread(-APPROACH_M, 0.0, SPACING_M), 0.0))

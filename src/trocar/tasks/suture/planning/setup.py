@@ -188,8 +188,7 @@ class Puller:
     """The port of the second arm, which grasps the needle as it comes out and pulls it through.
 
     Until then its instrument is drawn back; then it goes straight from the port to the needle's tip. This model needs
-    no joints. The default place is that of the station ``suture-pair``, but there is no second arm unless ``up_m`` is
-    given.
+    no joints. Direction and distance are by default those in the station ``suture-pair``.
 
     Attributes:
         azimuth_rad: direction of the port, counterclockwise from x.

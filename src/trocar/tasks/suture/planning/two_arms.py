@@ -85,8 +85,7 @@ def plan_pulled(
     """Return the map of a setup with the second arm's port, and the best plan whose needles this arm can pull through.
 
     Feasibility comes first. Sutures of the best plan that the second arm cannot pull through are forbidden, and the
-    best of the remaining plans is taken, until all of its sutures can be pulled. So no better plan is overlooked. If no
-    plan remains feasible, the returned one is infeasible.
+    best remaining plan is taken, until all can be pulled or no plan is feasible. So no better plan is overlooked.
 
     Args:
         preset: setup and reward.
