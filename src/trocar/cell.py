@@ -1,4 +1,4 @@
-"""What an agent is given. This file declares; it computes nothing."""
+"""What an agent is given: robot, cameras, clock and log, as protocols, and the values that they return."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class MotionEnd(Enum):
 
 @dataclass(frozen=True)
 class JointReading:
-    """What the encoders of one arm read, on the motor side, so without the cables' errors (CRTK ``measured_js``).
+    """The encoder readings of one arm. Encoders sit at the motors and miss the cables' errors (CRTK ``measured_js``).
 
     Attributes:
-        time_s: clock of the cell at which it was read.
+        time_s: time of the reading on the cell's clock.
         q: (6,) joint positions, rad, or m for prismatic joints.
         jaw_rad: opening of the jaws.
     """
@@ -50,17 +50,17 @@ class JointReading:
 
 @dataclass(frozen=True)
 class SetPoint:
-    """What one arm is commanded now (CRTK ``setpoint_js``): where a motion that follows has to start.
+    """The current command of one arm (CRTK ``setpoint_js``). The next motion must start there.
 
     Attributes:
-        time_s: clock of the cell.
+        time_s: time on the cell's clock.
         q: (6,) joints, rad and m.
         velocity: (6,) per second; zero at rest.
         moving: whether a motion, or its braking, is running.
-        path_s: time along the motion that runs or ran last, as it was handed to ``move``; it runs slower than the
-            clock while the arm brakes.
-        path_rate: how fast ``path_s`` runs: 1 in an ordinary motion, 0 at rest.
-        on_path: False where braking had to leave the motion's path.
+        path_s: time along the current or last trajectory, as it was passed to ``move``. It advances more slowly than
+            the clock while the arm brakes.
+        path_rate: rate of ``path_s`` per second of the clock: 1 in an ordinary motion, 0 at rest.
+        on_path: False if braking had to leave the motion's path.
     """
 
     time_s: float
@@ -74,14 +74,14 @@ class SetPoint:
 
 @dataclass(frozen=True)
 class MotionResult:
-    """What was really commanded and read while a motion ran, and how it ended.
+    """The commands sent and the readings taken while a motion ran, and how it ended.
 
     Attributes:
-        times_s: (n,) clock of the cell.
+        times_s: (n,) times on the cell's clock.
         commanded: (n, 7) six joints and the jaw as sent to the controller.
-        measured: (n, 7) the same as the encoders read them.
-        ended: how.
-        cause: why, by type and fields; None for ``DONE``.
+        measured: (n, 7) the same as read by the encoders.
+        ended: how the motion ended.
+        cause: why it ended, as a typed error; None for ``DONE``.
     """
 
     times_s: NDArray[np.float64]
@@ -107,41 +107,41 @@ class MotionResult:
 
 
 class Robot(Protocol):
-    """One or more arms on one clock; names are those of the cell's ``arms``."""
+    """One or more arms on one clock, named as in ``Cell.arms``."""
 
     def read(self, arm: str) -> JointReading:
         """Return the encoders' state as last read."""
         ...
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is commanded now; plan from here, not from what the encoders read."""
+        """Return the current command of the arm; plan from it, not from the encoder readings."""
         ...
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
         """Run a trajectory of the six joints on each of these arms, from rest; all start together.
 
-        Returns when all have ended. If one must be slowed down, all are, by the same factor. If the caller is
-        cancelled, the arms come to rest within their limits before the cancellation goes on.
+        Returns when all have ended. If one must be slowed down, all are slowed down by the same factor. If the caller
+        is cancelled, the arms come to rest within their limits before the cancellation propagates.
 
         Raises:
-            MotionRefused: a motion does not start where its arm is, leaves what is allowed, or an arm is moving;
-                nothing has moved then.
+            MotionRefused: a motion does not start at its arm's set-point or leaves what is allowed, or an arm is
+                already moving. In these cases no arm moves.
         """
         ...
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Let these motions take over from what the arms are doing now, without a stop; otherwise like ``move``.
+        """Replace the current motions of these arms without a stop; otherwise like ``move``.
 
-        Each must start at the arm's ``setpoint``, in position and velocity. The motion that it replaces returns
-        ``REPLACED`` to whoever awaits it.
+        Each new motion must start at the arm's ``setpoint``, in position and velocity. The replaced motion returns
+        ``REPLACED`` to its caller.
         """
         ...
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
         """Compute in advance what these motions need, so that ``move`` starts them at once.
 
-        A script calls it when it plans, so that the time counts there. The motions start where the arms rest, or
-        where their current motions will end.
+        A script calls it while planning, so that the time counts as planning. The motions must start where the arms
+        rest, or where their current motions will end.
         """
         ...
 
@@ -150,13 +150,13 @@ class Robot(Protocol):
         ...
 
     def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
-        """Bring these arms (none named: all) to rest within their limits, on their path where they can; then hold.
+        """Bring these arms (none named: all) to rest within their limits, on their path if possible; then hold.
 
-        Returns at once; ``rest`` waits for it.
+        Returns at once; ``rest`` waits until they are at rest.
 
         Args:
             arms: names.
-            reason: what whoever awaits the motions gets as their ``cause``: a sentence, or an error to decide by.
+            reason: becomes the ``cause`` in the results of the stopped motions: a sentence, or a typed error.
         """
         ...
 
@@ -166,22 +166,22 @@ class Robot(Protocol):
 
 
 class Camera(Protocol):
-    """A calibrated camera: one eye with depth, or two eyes."""
+    """A calibrated camera: a single one with depth, or a stereo pair."""
 
     @property
     def model(self) -> CameraModel:
-        """Return its lens or lenses."""
+        """Return the intrinsics, or the stereo rig if there are two eyes."""
         ...
 
     async def capture(self, window: Window | StereoWindow | None = None) -> Image:
         """Expose one image; takes the sensor's exposure time on the cell's clock.
 
         Args:
-            window: the pixels to read out: a ``Window`` of one eye, a ``StereoWindow`` of two; None: all of them. The
-                image's camera then is that of the window, its pixels combined if the window says so.
+            window: the pixels to read out: a ``Window`` for one eye, a ``StereoWindow`` for two; None: all pixels. The
+                camera model of the returned image is that of the window, after any binning.
 
         Raises:
-            TrocarError: the window leaves the image, or is not of this kind of camera.
+            TrocarError: the window exceeds the image, or is not for this kind of camera.
         """
         ...
 
@@ -198,19 +198,19 @@ class Clock(Protocol):
         ...
 
     async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
-        """Return a function's result and the real time that it took, in s.
+        """Run a function; return its result and the real time that it took, in s.
 
-        In simulation the clock counts ``budget_s`` for it, however long it took. On hardware it runs in a thread
-        beside the loop, which goes on serving the other arm, and the clock simply runs on.
+        In simulation the clock advances by ``budget_s``, however long the function took. On hardware the function runs
+        in a thread beside the loop, which keeps serving the other arms while the wall clock runs on.
         """
         ...
 
 
 class Log(Protocol):
-    """Where scripts note what they do; the source of time chart, time table and explanations."""
+    """The record of what scripts do; time charts, time tables and explanations are made from it."""
 
     def span(self, arm: str, name: str) -> AbstractContextManager[None]:
-        """Note a stretch of the cell's clock, from entering to leaving."""
+        """Return a context whose duration on the cell's clock is noted under this name."""
         ...
 
     def event(self, name: str, **values: object) -> None:
@@ -218,21 +218,21 @@ class Log(Protocol):
         ...
 
     def sample(self, name: str, row: NDArray[np.float64]) -> None:
-        """Add a row of numbers to a series, which is kept with the trial's arrays under this name."""
+        """Append a row of numbers to the series of this name, which is saved with the trial's arrays."""
         ...
 
     def compute(self, name: str, seconds: float, budget_s: float) -> None:
-        """Note the real time that a computation took beside what the script declared for it."""
+        """Note the real time that a computation took, and the budget that the script declared for it."""
         ...
 
     def saw(self, camera: str, image: Image, outlines_m: Mapping[str, NDArray[np.float64]]) -> None:
-        """Note what perception found in an image of a camera, for whoever watches.
+        """Note what perception found in a camera's image, for those who watch the trial.
 
         Args:
             camera: name.
             image: the image.
-            outlines_m: a closed line (n, 3) about each thing, in m, in the frame of the camera (of the left one, if
-                there are two), by what it is.
+            outlines_m: closed outline (n, 3) of each object by its name, in m, in the camera frame (left eye of a
+                stereo pair).
         """
         ...
 
@@ -242,17 +242,16 @@ class Cell:
     """One laboratory: devices, and what registration found there. Never the truth.
 
     Attributes:
-        robot: the arms' drive.
+        robot: moves the arms.
         cameras: by name.
         arms: model of each arm by name.
-        limits: of velocity and acceleration that each arm keeps here; no motion has to be planned any faster.
+        limits: velocity and acceleration limits of each arm in this cell; plan motions within them.
         T_world_base_registered: each arm's base as registration found it.
         T_world_camera_registered: each camera's pose as registration found it (of a stereo pair: the left eye's).
-        T_world_fixture: what is fixed on the table by name, where it nominally is; perception refines it.
+        T_world_fixture: nominal poses of what is fixed on the table, by name; perception refines them.
         clock: the cell's time.
         log: where scripts note what they do.
-        assistants: people beside the robot, by what they do; the task that needs one defines what it can be asked to
-            do.
+        assistants: people beside the robot, by role; the task that needs one defines what it can be asked to do.
     """
 
     robot: Robot
@@ -267,7 +266,7 @@ class Cell:
     assistants: Mapping[str, Any] = field(default_factory=dict)
 
     async def compute(self, arm: str, name: str, function: Callable[[], Result], budget_s: float) -> Result:
-        """Compute for an arm; the span is noted, and the real time beside the declared budget."""
+        """Run a computation for an arm; log its span, its real time and its declared budget."""
         with self.log.span(arm, name):
             result, seconds = await self.clock.compute(function, budget_s)
         self.log.compute(name, seconds, budget_s)

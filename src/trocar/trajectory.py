@@ -24,7 +24,7 @@ SAME_KNOT_S = 1e-7
 class Trajectory:
     """Piecewise polynomial in joint space; ``traj(t_s)`` are positions, ``traj(t_s, 1)`` velocities, and so on.
 
-    Before the first knot and after the last the trajectory rests at its end.
+    Before the first knot the trajectory rests at its start, after the last one at its end.
 
     Attributes:
         times_s: (n + 1,) increasing knots, the first at 0.
@@ -42,7 +42,7 @@ class Trajectory:
         coefficients = finite(what, self.coefficients, "k", len(times) - 1, "joints")
         if not coefficients.size:
             raise InvalidInput(what, f"need at least one power and one joint, got shape {coefficients.shape}")
-        from scipy.interpolate import PPoly  # half a second, even for commands that only print help
+        from scipy.interpolate import PPoly  # takes half a second, which commands that only print help avoid
 
         object.__setattr__(self, "times_s", times)
         object.__setattr__(self, "coefficients", coefficients)

@@ -1,4 +1,4 @@
-"""From joint values to poses, velocities, and distances from the joints' limits."""
+"""Forward kinematics: poses, Jacobian, manipulability, and violations of the joints' ranges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solid shapes of an instrument: the one place that simulator, grasping, planning and view read."""
+"""Solid shapes of an instrument: the single source for simulator, grasping, planning and view."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trocar.geometry import shown
 from trocar.geometry.arrays import Array, finite
 
 SLEEVE_M, SLEEVE_SHARE = (3e-3, 18e-3), 0.95
-"""The end of the shaft, from the wrist pitch axis back, is a steel sleeve; its radius as a share of the shaft's."""
+"""Steel sleeve at the end of the shaft: from where to where behind the wrist pitch axis, and share of the radius."""
 CLEVIS_SHARE = 0.75  # the round part of the clevis ends at this share of the way to the yaw axis
 KNUCKLE_SHARE = 0.9  # width of the boss at the yaw axis, as a share of a finger's width
 
@@ -21,7 +21,8 @@ KNUCKLE_SHARE = 0.9  # width of the boss at the yaw axis, as a share of a finger
 class FingerMarks:
     """Two marks of one colour on each finger, by which a camera finds the jaws (Kehoe 2014, V-A.2).
 
-    A mark is a disc through the finger and a little more, so that it shows on both sides; it stands out from the back.
+    A mark is a disc through the finger, slightly thicker than it, so that it shows on both sides. Its rim extends
+    beyond the finger's back.
     """
 
     # linear RGB in [0, 1] of the left finger's marks and of the right one's
@@ -35,7 +36,7 @@ class FingerMarks:
         require_numbers(self)
 
     def centers_m(self, side: int, jaw_rad: float) -> Array:
-        """Return the middles (2, 3) of the marks of the left (+1) or right (-1) finger, as ``Instrument.finger_m``."""
+        """Return the marks' centres (2, 3) on the left (+1) or right (-1) finger, in the frame of ``finger_m``."""
         half = 0.5 * side * jaw_rad
         along, behind = np.array(self.along_m), side * self.behind_m
         x = np.cos(half) * along - np.sin(half) * behind
@@ -47,8 +48,8 @@ class FingerMarks:
 class Instrument:
     """An instrument with two fingers; shaft, wrist and jaws as solids.
 
-    Its kinematics (``wrist_length_m``, ``tip_length_m``, range of the jaws) are the arm's, which the inverse
-    kinematics needs; this is what takes up space. Estimated from photographs unless a source is named.
+    The kinematic lengths (``wrist_length_m``, ``tip_length_m``) and the range of the jaws belong to ``ArmModel``, for
+    the inverse kinematics. Sizes are estimated from photographs unless a source is named.
 
     Attributes:
         name: what it is sold or known as.
@@ -92,7 +93,7 @@ class Instrument:
         return f"<Instrument {self.name!r}: shaft {shaft} thick, fingers {fingers} long>"
 
     def finger_m(self, side: int) -> Array:
-        """Return the corner points (10, 3) of one finger, closed jaws, in its joint's frame.
+        """Return the corner points (10, 3) of one finger of closed jaws, in the frame of its joint.
 
         x points to the end of the jaws, y (times ``side``, +1 or -1) out of the closing plane, z along the yaw axis.
         """
@@ -114,7 +115,7 @@ class Instrument:
 
     @property
     def finger_radius_m(self) -> float:
-        """Return the radius of a capsule along a finger that holds all of it."""
+        """Return the radius of a capsule that contains the whole finger."""
         return float(np.hypot(self.finger_base_m, 0.5 * self.finger_width_m))
 
 

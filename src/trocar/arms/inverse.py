@@ -29,13 +29,13 @@ LIMIT_TOLERANCE = 1e-9
 CONE_TOLERANCE = 1e-12  # a cosine this far beyond 1 is a rounding error
 CHUNK = 8192  # number of poses solved at a time, so that the intermediate arrays stay in the cache
 SMALL_CHUNK = 2048
-"""The same for a few thousand poses: arrays this small are reused by the allocator, not returned to the system."""
+"""Chunk for a few thousand poses: the allocator reuses such small arrays instead of returning them to the system."""
 
 OUTER = 3  # joints before the wrist
 REACHED_M = 1e-9
 STEPS = 20
 MAX_STEP = np.array([0.5, 0.5, 0.1])
-"""Largest step of yaw, pitch (rad) and insertion (m): further away the arm's geometry has changed too much."""
+"""Largest Newton step of yaw, pitch (rad) and insertion (m): further away, the Jacobian is no longer valid."""
 
 
 def ik(
@@ -49,18 +49,18 @@ def ik(
 
     Of several solutions, the one nearest to ``reference`` (..., 6) is returned; all joints have equal weight, in rad
     and m. The default reference is the middle of the ranges. If the wrist or the jaw axis lies on the remote centre
-    (within rounding), a wrist joint is free, and either one of many solutions is found or none.
+    (within rounding), one wrist joint is undetermined; the result then is one of many solutions, or none.
 
     Args:
         arm: the robot type.
         T_base_tip: pose(s) of the tip, or their matrices (..., 4, 4).
-        reference: (..., 6) joints that solutions are to be near.
-        unreachable: what a pose without a solution gives: an error, or six times NaN, so that one pose of a batch
-            does not spoil the others.
+        reference: (..., 6) joints that solutions should be near.
+        unreachable: result for a pose without a solution: an error, or six NaN, so that the rest of a batch stays
+            usable.
 
     Raises:
-        OutOfReach: a pose has no solution within the limits; names the joint and by how much it is outside, on the
-            branch with the smallest violation. Not with ``unreachable="nan"``.
+        OutOfReach: a pose has no solution within the limits. The message names the joint and the excess, on the
+            branch with the smallest violation. Not raised with ``unreachable="nan"``.
         TrocarError: a pose or the reference is not finite, a matrix is not a pose, or the reference has the wrong
             shape.
 
@@ -109,7 +109,7 @@ def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) 
             q = closed_form(matrix, _Floats, arm.solver_constants)
         except (ValueError, ZeroDivisionError):  # outside the cone, or the wrist on the remote centre
             return _search(arm, np.ravel(matrix), np.array(near)).tolist()
-        for i, low, high in arm.turn_targets:
+        for i, low, high in arm.turn_targets:  # move yaw and roll by whole turns towards the reference
             target = near[i]
             ahead = (low if target < low else high if target > high else target) - q[i]
             if ahead > math.pi or ahead < -math.pi:
@@ -125,8 +125,8 @@ def _solve_one(arm: ArmModel, matrix: list[list[float]], near: Sequence[float]) 
 def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: Array | None = None) -> Array:
     """Return the configurations (..., 6) on the arm's own branch, within the limits or not; NaN where none is real.
 
-    Angles are in the turns nearest to ``near`` (..., 6), if it is given; else yaw and roll are in those nearest to the
-    middle of their ranges. Planners use this to tell how far a pose is out of reach.
+    Angles are chosen, up to whole turns, nearest to ``near`` (..., 6). Without it, yaw and roll are chosen nearest to
+    the middle of their ranges. Planners use this to tell how far a pose is out of reach.
     """
     matrix = T_base_tip.matrix
     poses = matrix.reshape(-1, 16)
@@ -138,7 +138,7 @@ def ik_unbounded(arm: ArmModel, T_base_tip: SE3, near: Array | None = None) -> A
 
 
 def ik_near(arm: ArmModel, T_base_tip: SE3, near: Array) -> Array:
-    """Return the same for poses that all have joints (OutOfReach: one of them has none)."""
+    """Return ``ik_unbounded`` near ``near`` (OutOfReach: one of the poses has no solution)."""
     q = ik_unbounded(arm, T_base_tip, near)
     if not np.isfinite(q).all():
         problem = f"no joints of {arm.name} have this pose of the tip, in their ranges or not"
@@ -168,16 +168,16 @@ def ik_branches(arm: ArmModel, T_base_tip: SE3) -> tuple[Array, NDArray[np.bool_
 def ik_with_fixed_wrist(
     arm: ArmModel, q: ArrayLike, p_base_m: ArrayLike, p_tip_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Array:
-    """Return joints (6,) near ``q`` (6,), with the same wrist, that bring a point of the tip to ``p_base_m`` (3,).
+    """Return joints (6,) near ``q`` (6,), with unchanged roll and wrist, that bring a point to ``p_base_m`` (3,).
 
-    The point, ``p_tip_m`` (3,) in the tip's frame, is the tip itself, or lies on something that the jaws hold.
+    ``p_tip_m`` (3,) is the point in the tip's frame: the tip itself, or a point on an object in the jaws.
 
     The tip turns with the shaft: by .05 rad per centimetre, 200 mm from the remote centre. The wrist's cables do not
     move, so the effects of friction and play stay as they were.
 
     Raises:
-        OutOfReach: the place cannot be reached this way within the joints' ranges.
-        TrocarError: joints or place have another shape, or are not finite.
+        OutOfReach: the point cannot be reached this way within the joints' ranges.
+        TrocarError: ``q`` or a point has another shape, or is not finite.
     """
     goal, held = (finite(f"a place of arm '{arm.name}'", p_m, 3) for p_m in (p_base_m, p_tip_m))
     found = arm.configurations(q).copy()
@@ -214,9 +214,9 @@ def _six_floats(arm: ArmModel, reference: ArrayLike | None) -> Sequence[float] |
 def _solve_chunks(
     arm: ArmModel, poses: NDArray, near: NDArray | None, q: NDArray, good: NDArray, chunk: int = CHUNK
 ) -> None:
-    """Fill ``q`` (n, 6) with the solutions for ``poses`` (n, 16) on the arm's branch, ``good`` (n,) where in limits.
+    """Fill ``q`` (n, 6) with the solutions of ``poses`` (n, 16) on the arm's branch, ``good`` (n,) if within limits.
 
-    Intermediate arrays hold one quantity per row, and the rows of a chunk stay in the cache.
+    Intermediate arrays hold one quantity per row; chunks keep them in the cache.
     """
     m, columns = np.empty((4, 4, chunk)), np.empty((6, chunk))
     lower, upper = arm.lower[:, None], arm.upper[:, None]
@@ -297,7 +297,7 @@ class _Arrays:
 
 
 class _ClippedArrays(_Arrays):
-    """The same functions, with results at the edge of the cone outside it."""
+    """The same functions; outside the cone, they give the results at its edge."""
 
     @staticmethod
     def root(x: NDArray) -> NDArray:

@@ -92,7 +92,7 @@ class MotionLimits:
             object.__setattr__(self, name, value)
 
     def scaled(self, share: float) -> MotionLimits:
-        """Return this share of each limit; itself if it is all of them."""
+        """Return the limits, each multiplied by ``share``."""
         if share == 1.0:
             return self
         jerk = None if self.jerk is None else share * self.jerk
@@ -119,7 +119,7 @@ BRANCHES = tuple(Branch(u6, u5, u2) for u6 in (1, -1) for u5 in (1, -1) for u2 i
 
 
 class SolverConstants(NamedTuple):
-    """Constants of one branch of one arm; c0 to s2 are cosines and sines of the twists, u the sign of sin(q2 + offset).
+    """Constants of one branch of one arm: c, s are cosines and sines of the twists, u the sign of sin(q2 + offset).
 
     The ``offsets`` are subtracted from the angles.
     """
@@ -249,9 +249,9 @@ class ArmModel:
 
     @cached_property
     def turn_targets(self) -> tuple[tuple[int, float, float], ...]:
-        """Return (joint, low, high) for yaw and roll: the solution is in the turn nearest to a reference clipped to it.
+        """Return (joint, low, high) for yaw and roll: the solver clips a reference to them and takes the nearest turn.
 
-        A range of more than one turn leaves a choice of turns; with a smaller range the middle decides.
+        Only a range of more than one turn leaves a choice; in a smaller one, low and high are both the middle.
         """
         targets = []
         for i in (0, 3):
@@ -277,7 +277,7 @@ class ArmModel:
 
     @cached_property
     def solver_offsets(self) -> tuple[float, ...]:
-        """Return the offsets, shifted by whole turns such that the branch lies round the middle of the ranges."""
+        """Return the offsets, of pitch and wrist shifted by whole turns so that solutions lie in the ranges."""
         offsets = np.array(self.offsets)
         pinned = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 1.0]) * TURN
         turns = np.rint((self._branch_center - offsets - self.middle) / TURN)

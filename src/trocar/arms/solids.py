@@ -25,7 +25,7 @@ _ENDS = np.array([[0, 1], [2, 3], [3, 4], [3, 5]])
 def capsules(arm: ArmModel, q: ArrayLike, jaw_rad: ArrayLike = 0.0) -> Capsules:
     """Return shaft, wrist and both fingers (:data:`SOLIDS`) as capsules in the arm's base: ends (..., 4, 2, 3) m.
 
-    Each capsule holds the whole solid that it stands for.
+    Each capsule contains the whole solid that it stands for.
 
     Args:
         arm: whose instrument.
@@ -87,7 +87,7 @@ def _points(arm: ArmModel, q: Array, jaw_rad: Array) -> Array:
 
 
 def _wrist(arm: ArmModel, q: Array) -> tuple[Array, ...]:
-    """Return how far frame 4 lies along its z axis (...,); in the base (..., 3): that axis, the wrist link, y of 4."""
+    """Return the depth of frame 4 along its z axis (...,); in the base (..., 3): that axis, the wrist link, y of 4."""
     (c0, s0), (c1, s1), (c2, s2) = arm.twist_cosines
     turned = np.moveaxis(q + np.array(arm.offsets), -1, 0)
     (k1, k2, _, k4, k5, _), (n1, n2, _, n4, n5, _) = np.cos(turned), np.sin(turned)

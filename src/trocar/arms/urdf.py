@@ -35,10 +35,10 @@ def joint_names(arm: ArmModel) -> tuple[str, ...]:
 def arm_urdf(arm: ArmModel) -> str:
     """Return an arm as self-contained URDF text: no meshes, no other files.
 
-    ``base_link`` is the remote centre, frame 0 of :func:`trocar.arms.frames`, and each joint ``NAME`` moves the link
-    ``NAME_link``, whose frame is that joint's, z along its axis: a serial chain through the remote centre, without the
-    parallelogram or the external drives of a real arm. ``jaw`` is the opening of the jaws, which both
-    fingers mimic by half; ``tool_tip_link`` is the controlled point.
+    The chain is serial and goes through the remote centre; a real arm's parallelogram and external drives are left
+    out. ``base_link`` is the remote centre, frame 0 of :func:`trocar.arms.frames`. Each joint ``NAME`` moves the link
+    ``NAME_link``, whose frame is the joint's, z along its axis. ``jaw`` is the opening of the jaws, which each finger
+    mimics by half; ``tool_tip_link`` is the controlled point.
     """
     robot = Element("robot", name=arm.name.replace("-", "_"))
     for rgb, name in MATERIALS.items():

@@ -1,4 +1,4 @@
-"""Numbers: arrays from users, checked; directions; and how lengths and angles are shown to people."""
+"""Checks of arrays that users give, unit vectors, and the display of lengths and angles."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ NUMBERS = "biuf"  # kinds of arrays that hold real numbers
 
 
 def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:
-    """Return finite float64 numbers of a shape.
+    """Return values as a finite float64 array of a given shape.
 
     >>> finite("a point", [1, 2, 3], 3).tolist()
     [1.0, 2.0, 3.0]
 
     Args:
-        what: its name in the sentence on what is wrong.
+        what: name of the values in the error message.
         values: to be checked; not copied if that can be avoided.
-        shape: length of each axis; a letter stands for any length, ``...`` in front for any axes.
+        shape: length of each axis; a string stands for any length, a leading ``...`` for any number of axes.
 
     Raises:
         TrocarError: these are not numbers, they have another shape, or one is NaN or infinite.
@@ -40,7 +40,7 @@ def finite(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Ar
 
 
 def numbers(what: str, values: ArrayLike, *shape: int | str | EllipsisType) -> Array:
-    """Return float64 numbers of any shape, finite or not (TrocarError: they are none, of the ``shape`` wanted)."""
+    """Return a float64 array, finite or not (TrocarError: not numbers). ``shape`` is only for the message."""
     try:
         array = np.asarray(values)
     except (TypeError, ValueError):  # rows of different lengths
@@ -68,7 +68,7 @@ def direction(vector: ArrayLike, what: str) -> Array:
     >>> direction([3e307, 4e307, 0.0], "the upward direction").round(3).tolist()
     [0.6, 0.8, 0.0]
 
-    Raises TrocarError: these are not three finite numbers that are not all zero; ``what`` names them.
+    Raises TrocarError, which calls the vector ``what``: it is zero, or not three finite numbers.
     """
     try:
         given = np.asarray(vector, dtype=np.float64)

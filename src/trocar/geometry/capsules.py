@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from trocar.geometry.arrays import Array
 from trocar.geometry.se3 import SE3
 
-PARALLEL = 1e-12  # segments whose directions span less than this (share of their squared lengths) count as parallel
+PARALLEL = 1e-12  # segments count as parallel if the squared sine of their angle is below this
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Capsules:
     radii_m: Array
 
     def moved(self, T: SE3) -> Capsules:
-        """Return the capsules in the frame that ``T`` (...,) leads to."""
+        """Return the capsules in frame a, given ``T`` (...,) = ``T_a_b`` and these capsules in frame b."""
         ends = self.ends_m.reshape(*self.ends_m.shape[:-3], -1, 3)
         R, t = T.matrix[..., :3, :3], T.matrix[..., :3, 3]
         moved = ends @ np.swapaxes(R, -1, -2) + t[..., None, :]
@@ -46,13 +46,13 @@ def segment_distances_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLi
 
 
 def nearest_m(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> tuple[Array, Array, Array]:
-    """Return the shortest vector (..., 3) from the segment q0 q1 to p0 p1, and the shares (...,) where it ends.
+    """Return the shortest vector (..., 3) from the segment q0 q1 to p0 p1, and where on both it ends (...,).
 
     Ericson, Real-Time Collision Detection, 5.1.9: the nearest points of the two lines, clamped to one segment after the
     other.
 
     Returns:
-        The vector; the position of its end as a share of the way from p0 to p1; that of its start from q0 to q1.
+        The vector; the place of its end between p0 (0) and p1 (1); the place of its start between q0 (0) and q1 (1).
     """
     p0, p1, q0, q1 = (np.asarray(x, dtype=np.float64) for x in (p0, p1, q0, q1))
     u, v, w = p1 - p0, q1 - q0, p0 - q0

@@ -135,7 +135,7 @@ class SE3:
 
 
 def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
-    """Return a pose, or that of a matrix (4, 4) (TrocarError: it is not a pose, or there are several)."""
+    """Return a single pose, also from a matrix (4, 4) (TrocarError: it is not a pose, or there are several)."""
     T = SE3.of(pose)
     if T.matrix.ndim != 2:
         raise InvalidInput(what, f"needs one pose (4, 4), got {T.matrix.shape}", "pick one with [k]")
@@ -143,7 +143,7 @@ def one_pose(what: str, pose: SE3 | ArrayLike) -> SE3:
 
 
 def _left_jacobian(w: Array) -> Array:
-    """Return the matrix (..., 3, 3) from a twist's translation to the pose's, for a rotation vector (..., 3)."""
+    """Return the left Jacobian (..., 3, 3) of SO(3) at rotation vectors (..., 3): from twist to pose translation."""
     W = skew(w)
     _, b, c = exp_coefficients(np.sum(w * w, -1)[..., None, None])
     return np.eye(3) + b * W + c * (W @ W)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InvalidInput
 from trocar.geometry.arrays import Array, direction, finite
 
-RIGID = 1e-6  # columns of a rotation may miss unit length and right angles by this much: rounding, even of float32
+RIGID = 1e-6  # tolerance for the columns' lengths and right angles: rounding, even in float32
 SMALL_ANGLE_RAD = 1e-4
 """Below this angle the closed forms divide by almost 0; series to order four are exact to 1e-17 there."""
 
@@ -29,7 +29,7 @@ def skew(v: ArrayLike) -> Array:
 
 
 MAX_TURN_RAD = 1e9
-"""Of a rotation vector's component; beyond it, a float does not tell where in a turn it ends."""
+"""Largest component of a rotation vector; beyond it, a float resolves the angle within a turn too coarsely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +201,7 @@ def require_rotation(what: str, matrix: Array) -> None:
 
 
 def steady(wxyz: Array) -> Array:
-    """Return the same turns by quaternions (n, 4) that do not jump to their negatives from one to the next."""
+    """Return quaternions (n, 4) of the same rotations, with signs chosen so that neighbours do not flip sign."""
     jumps = (wxyz[1:] * wxyz[:-1]).sum(axis=1) < 0
     return wxyz * np.cumprod(np.append(1.0, np.where(jumps, -1.0, 1.0)))[:, None]
 
@@ -212,7 +212,7 @@ def _which(wrong: NDArray[np.bool_]) -> str:
 
 
 def picked(what: str, matrix: Array, index: Any) -> Array:
-    """Return some items of a batch (..., n, n) of matrices; rows and columns stay whole."""
+    """Return some matrices of a batch (..., n, n) (TrocarError: the index cuts into rows or columns)."""
     batch = matrix.shape[:-2]
     chosen = matrix[index]
     if chosen.shape[-2:] != matrix.shape[-2:]:
@@ -234,7 +234,7 @@ def exp_coefficients(angle2: Array) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def _quaternion(matrix: Array) -> Array:
-    """Return the same for one rotation (3, 3), an order of magnitude faster."""
+    """Return ``as_quaternion`` of one rotation (3, 3), ten times faster than the batched code."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix.tolist()
     trace = xx + yy + zz
     squares = 1 + trace, 1 + (2 * xx - trace), 1 + (2 * yy - trace), 1 + (2 * zz - trace)
