@@ -31,13 +31,13 @@ UNLIKELY = float(chdtri(3, 0.001))
 SHIFT_SD_M = 0.5e-3
 """SD of an instrument's shift on each axis, due to its registered base and the errors of its outer joints."""
 WORST_M = 0.6e-3
-"""A sighting whose points lie further than this (SD) from the instrument's solids shows something else."""
+"""A sighting whose points are further (SD) than this from the instrument's solids shows something else."""
 LEAST_INFORMATION = 1.0
 """1/rad^2, added to the information: a rotation about which an image shows nothing has an SD of one radian."""
 
 
 class Observation(NamedTuple):
-    """A sighting, fitted with the outer joints where they were commanded, and the index of the last command by then."""
+    """A sighting, fitted with the outer joints as commanded, and the index of the last command before it."""
 
     row: int
     sighting: Sighting
@@ -58,7 +58,7 @@ class Combined(NamedTuple):
 
 
 class Knowledge(NamedTuple):
-    """What observations reveal about an arm: the cables of its wrist and outer joints, and the shift as above."""
+    """What observations tell about an arm: the cables of wrist and outer joints, and the shift as in ``Combined``."""
 
     cables: Learned
     shift_m: Array
@@ -66,12 +66,12 @@ class Knowledge(NamedTuple):
 
 @dataclass(eq=False)
 class _Past:
-    """What was sent to one arm, and what was seen of it.
+    """The commands sent to one arm, and the observations of it.
 
     Attributes:
         commands: (k, 6) pieces, one after the other.
-        path: the one being sent; None: none yet.
-        until_s: time up to which its commands are among the pieces.
+        path: the command path being sent; None: none yet.
+        until_s: time along ``path`` up to which its commands are in ``commands``.
         observations: of the instrument.
     """
 
@@ -88,7 +88,7 @@ class _Past:
             times = np.linspace(self.until_s, sent.path_s, 2 + int((sent.path_s - self.until_s) / REPLAY_S))
             self.commands.append(_thinned(path.commands(np.minimum(times, path.commands.duration_s)))[1:])
             self.until_s = sent.path_s
-        if np.any(self.commands[-1][-1] != sent.q):
+        if np.any(self.commands[-1][-1] != sent.q):  # braking may have left the path
             self.commands.append(sent.q[None])
 
     @property
@@ -106,7 +106,7 @@ class Adaptive(Compensated):
     arm that is still at rest where the image was taken (:meth:`correct`).
 
     Attributes:
-        priors: over instruments and sessions, by arm; the rest as in ``Compensated``.
+        priors: over instruments and sessions, by arm. The other attributes are those of ``Compensated``.
     """
 
     priors: Mapping[str, FleetPrior] = field(kw_only=True)
@@ -119,8 +119,8 @@ class Adaptive(Compensated):
     def moment(self, arm: str) -> tuple[int, Array]:
         """Return the number of the last command up to now, and the joints (6,) there.
 
-        The wrist joints are where the model estimates them, the outer ones where they are commanded: observations are
-        compared by how the instrument is shifted from these.
+        The wrist joints are the model's estimates, the outer ones are the commands: observations tell how the
+        instrument is shifted from these.
         """
         self._keep_past([arm])
         q = self.read(arm).q.copy()
@@ -128,7 +128,7 @@ class Adaptive(Compensated):
         return self._pasts[arm].rows - 1, q
 
     def saw(self, arm: str, row: int, sighting: Sighting) -> None:
-        """Note what an image showed that was taken after that command had been sent."""
+        """Record what an image showed; ``row`` is the number of the last command before it (:meth:`moment`)."""
         self._pasts[arm].observations.append(Observation(row, sighting))
 
     def learned(self, arm: str) -> Knowledge | None:
@@ -140,7 +140,7 @@ class Adaptive(Compensated):
         return Knowledge(learn_from(seen.recording, self.priors[arm], seen.sd_rad), seen.shift_m)
 
     def adopt(self, arm: str, knowledge: Knowledge) -> None:
-        """From now on, use what was learned.
+        """Use what was learned from now on.
 
         Raises:
             ArmMoving: the arm is moving.
@@ -149,15 +149,15 @@ class Adaptive(Compensated):
         self._take(arm, knowledge.cables.model)
 
     def spread(self, arm: str) -> Array | None:
-        """Return the SDs (3,) of the wrist joints about their estimates, rad; None: nothing was learned yet."""
+        """Return the SDs (3,) of the wrist joints' estimates, rad; None: nothing was adopted yet."""
         known, sent = self._known.get(arm), self.robot.setpoint(arm)
         return None if known is None else known.cables.spread(self._memory(arm, sent).state, sent.q)
 
     def correct(self, arm: str, seen: Sighting) -> bool:
-        """Correct an arm that rests where it was seen, to the extent that the image is more certain than the model.
+        """Correct the wrist of an arm that rests where it was seen; image and model are weighted by their certainty.
 
-        The correction holds until something is adopted; the image then counts along with all other observations. An
-        image that contradicts the model by more than both can explain is rejected.
+        The correction lasts until the next :meth:`adopt`, for which the image counts like all other observations
+        (:meth:`saw`). An image that contradicts the model by more than their uncertainties explain is rejected.
 
         Returns:
             whether the image was accepted.
@@ -179,7 +179,7 @@ class Adaptive(Compensated):
         return True
 
     def _take(self, arm: str, model: PlayModel) -> None:
-        """Compensate an arm at rest by another model, whose memory is that of all commands so far."""
+        """Switch an arm at rest to another model, whose hysteresis state follows from all commands so far."""
         if self.robot.setpoint(arm).moving:
             raise ArmMoving(arm, "its cable model can be replaced only at rest")
         self._keep_past([arm])
@@ -229,7 +229,7 @@ def combine(arm: ArmModel, name: str, q_cmd: Array, observations: Sequence[Obser
 
 
 def _common_shift(observations: Sequence[Observation]) -> Array:
-    """Return the most likely shift (3,) given all observations, whatever the wrist joints were in each."""
+    """Return the most likely shift (3,) given all observations, marginalised over the wrist joints in each."""
     information, pull = np.eye(3) / SHIFT_SD_M**2, np.zeros(3)
     for _, seen in observations:
         across = seen.information[3:, :3] @ _of_wrist(seen)

@@ -1,4 +1,4 @@
-"""One arm as used by a script; its actions are noted in the cell's log."""
+"""One arm as a script uses it; its actions are noted in the cell's log."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ArmScript:
         cell: the laboratory.
         name: of the arm.
         settle_s: rest after a motion before the jaws act.
-        limits_share: of the arm's limits that a motion uses of which only start and end are given.
+        limits_share: share of the arm's limits used by motions that are given by start and end only.
         jaw_zero_rad: the encoder reading of closed jaws; see :meth:`zero_jaw`.
     """
 
@@ -48,12 +48,12 @@ class ArmScript:
 
     @property
     def limits(self) -> MotionLimits:
-        """Return the limits of velocity and acceleration if only start and end of a motion are given."""
+        """Return the velocity and acceleration limits of motions that are given by start and end only."""
         return self.cell.limits[self.name].scaled(self.limits_share)
 
     @property
     def q(self) -> Array:
-        """Return the joints (6,) that the arm is commanded to now: where a motion starts."""
+        """Return the commanded joints (6,) of the arm: where the next motion starts."""
         return self.cell.robot.setpoint(self.name).q
 
     @property
@@ -68,7 +68,7 @@ class ArmScript:
             await self.go(q)
 
     async def go(self, q: Array) -> MotionResult:
-        """Move from rest to rest at these joints (6,)."""
+        """Move from rest to rest, to these joints (6,)."""
         return await self.move(rest_to_rest(self.q, q, self.limits))
 
     async def move(self, trajectory: Trajectory) -> MotionResult:
@@ -86,12 +86,12 @@ class ArmScript:
         return await self.cell.robot.jaw(self.name, angle_rad + self.jaw_zero_rad)
 
     async def zero_jaw(self, closed_rad: float) -> None:
-        """Close the jaws on nothing, and take their encoder reading then as closed.
+        """Close the empty jaws, and take their encoder reading as zero.
 
-        Jaws that read wide open are held open by something; their zero then stays as it was.
+        If they read wide open, an object holds them open, and the zero is left unchanged.
 
         Args:
-            closed_rad: target that lets the drive press.
+            closed_rad: target, small enough that the drive presses the jaws together.
         """
         await self.jaw(closed_rad)
         if abs(self.jaw_rad) < MOST_ZERO_RAD:
@@ -103,5 +103,5 @@ class ArmScript:
             await self.cell.clock.sleep(self.settle_s)
 
     async def compute(self, what: str, budget_s: float, function: Callable[[], Result]) -> Result:
-        """Compute; in simulation the clock counts the declared budget, and the real time is noted beside it."""
+        """Run a computation; in simulation the clock counts its declared budget, and the real time is noted too."""
         return await self.cell.compute(self.name, what, function, budget_s)

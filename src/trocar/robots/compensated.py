@@ -22,19 +22,19 @@ from trocar.robots.supervised import Supervised, Verb
 from trocar.trajectory import Trajectory
 
 CLIPPED = 5e-3
-"""A correction may fall short by this much (rad, m) at the end of a joint's range before the range counts as left."""
+"""With ``stop_at_limits``, a motion is refused if a joint's range cuts more than this (rad, m) off a correction."""
 RANGE_GUARD = 5e-3
 """Corrected commands keep this far (rad, m) inside the joints' ranges."""
 MISSED = 1e-3
-"""If the model expects the joints further (rad, m) from the end of their motion than this, its estimate is used."""
+"""If the model predicts that joints end further (rad, m) than this from the requested end, its estimate is used."""
 ENDED_S = 1e-6
 """A motion whose time is this close to its end has ended."""
 BUDGET_S = 0.05
-"""Time declared for finding the commands of a motion that was not prepared."""
+"""Computing time declared for the commands of a motion that was not prepared."""
 SAME = 1e-9
-"""Commands this close (rad, m) are the same: the end of a motion as predicted and as reached."""
+"""Commands this close (rad, m) are the same: the predicted and the real end of a motion."""
 SLOWED = 1.001
-"""A motion that is slowed down by more than this factor is noted as slowed down."""
+"""A motion that is slowed down by more than this factor is logged."""
 
 
 class _Start(NamedTuple):
@@ -47,7 +47,7 @@ class _Start(NamedTuple):
 
 
 class _Prepared(NamedTuple):
-    """Commands found for motions before they are needed, by arm, and where they begin: at rest."""
+    """Commands found in advance for motions, by arm, and where they begin: at rest."""
 
     motions: Mapping[str, Trajectory]
     starts: Mapping[str, _Start]
@@ -72,16 +72,16 @@ class Compensated:
     """A robot whose cables are compensated: scripts work in true joints, the robot gets commands.
 
     All commands of a motion are found before it starts, within the limits, so that a cable's slack is crossed in time
-    (``trocar.calibration.command_path``). The model's memory is that of the commands that were really sent: a motion
-    may be stopped half-way, or replaced while it runs.
+    (``trocar.calibration.command_path``). The model's hysteresis state follows the commands that were really sent, so a
+    motion may be stopped half-way, or replaced while it runs.
 
     Attributes:
         robot: what it wraps; its innermost wrapper should be ``Guarded``, which then sees the commands.
         arms: models by name.
-        models: cable models, at first, of the arms that are compensated.
+        models: initial cable models of the arms that are compensated.
         limits: of velocity and acceleration of the commands, by arm.
         clock: of the cell.
-        log: of the cell; times of computing, and motions that were slowed down, are noted there.
+        log: of the cell; computing times, and motions that were slowed down, are noted there.
         stop_at_limits: refuse a motion whose correction would leave a joint's range, instead of leaving it uncorrected.
     """
 
@@ -102,17 +102,17 @@ class Compensated:
         self._resting: dict[str, tuple[CommandPath | None, Array, Array]] = {}
 
     def read(self, arm: str) -> JointReading:
-        """Return the encoders' state with the joints as the model estimates them."""
+        """Return the last encoder readings, with the joints replaced by the model's estimate."""
         reading = self.robot.read(arm)
         if arm not in self._rested:
             return reading
         return JointReading(reading.time_s, self._estimated(arm, self.robot.setpoint(arm)), reading.jaw_rad)
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the true joints are commanded to now.
+        """Return the current command for the true joints.
 
-        For an arm that was stopped on its way, this is where the model estimates the joints: the arm rests there, and
-        if a cable's slack was being crossed, that may be some way from where the joints were asked to be.
+        For an arm that was stopped on its way, this is the model's estimate of the joints: if a cable's slack was being
+        crossed, the arm may rest some way from where the joints were asked to be.
         """
         sent = self.robot.setpoint(arm)
         if arm not in self._rested:
@@ -126,13 +126,13 @@ class Compensated:
         return SetPoint(sent.time_s, q, velocity, sent.moving, sent.path_s, sent.path_rate, sent.on_path)
 
     def expected(self, arm: str) -> Trajectory | None:
-        """Return the motion of a compensated arm's joints while it plays its commands, on their time; None: unknown."""
+        """Return the requested joint motion of an arm's current commands, on their time; None: unknown."""
         path = self._paths.get(arm)
         another = isinstance(self.robot, Supervised) and self.robot.plays_another(arm)
         return None if path is None or another else path.desired
 
     def _estimated(self, arm: str, sent: SetPoint) -> Array:
-        """Return where (6,) the model estimates the joints to be; evaluated only once while the arm is at rest."""
+        """Return the model's estimate of the joints (6,); evaluated only once while the arm is at rest."""
         known = self._resting.get(arm)
         if known is not None and known[0] is self._paths.get(arm) and np.array_equal(known[1], sent.q):
             return known[2]
@@ -146,8 +146,8 @@ class Compensated:
 
         Raises:
             ArmMoving: an arm is moving, or the commands of its next motion are still being found.
-            OutOfReach: it has to stop at limits, and more than ``CLIPPED`` would stay uncorrected.
-            MotionRefused: as the robot.
+            OutOfReach: with ``stop_at_limits``, more than ``CLIPPED`` would stay uncorrected.
+            MotionRefused: as for the wrapped robot.
         """
         for arm in motions:
             if arm in self._computing or self.robot.setpoint(arm).moving:
@@ -170,7 +170,7 @@ class Compensated:
         return await self._sent(self.robot.move, motions, paths)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Let trajectories of the true joints take over from what the arms are doing now."""
+        """Replace the current motions by trajectories of the true joints, without a stop."""
         starts = {arm: self._now(arm) for arm in motions if arm in self._rested}
         paths, seconds = timed(lambda: self._found(motions, starts))
         if paths:
@@ -178,15 +178,15 @@ class Compensated:
         return await self._sent(self.robot.replace, motions, paths)
 
     async def follow(self, motions: Mapping[str, Trajectory], period_s: float) -> Mapping[str, MotionResult]:
-        """Let the joints follow motions of which others take over after each period: steps of a stream.
+        """Follow one step of a stream: motions that are replaced by others after each period.
 
-        What a stream asks for next is not known, so that a slack is crossed only once a joint turns round, and as fast
-        as the limits allow: meanwhile it stands. A motion that is known as a whole goes better through ``replace``.
+        The next step is unknown, so a slack is crossed only when a joint reverses, as fast as the limits allow; the
+        joint stands still meanwhile. For a motion that is known as a whole, ``replace`` is better.
 
         Args:
-            motions: as ``trocar.motion.following.step_towards`` makes them; what they do after the period, to come to
-                rest, the commands do in their own way.
-            period_s: until other motions take over.
+            motions: as ``trocar.motion.following.step_towards`` makes them. After the period, the commands come to rest
+                in their own way.
+            period_s: time until other motions take over.
         """
         paths, seconds = timed(lambda: {arm: self._step(arm, motion, period_s) for arm, motion in motions.items()})
         self.log.compute("compensation", seconds, period_s)
@@ -198,7 +198,7 @@ class Compensated:
             return None
         sent, model = self.robot.setpoint(arm), self.arms[arm]
         memory, velocity = self._memory(arm, sent), motion(period_s, 1)
-        asked = motion(period_s) + velocity * period_s / 2  # the next point of the B-spline that the stream is
+        asked = motion(period_s) + velocity * period_s / 2  # next point of the stream's B-spline
         error = memory.joints(sent.q) - sent.q
         wanted = inverse(memory.model, memory.state, asked, asked - error)
         q_cmd = np.clip(wanted, model.lower + RANGE_GUARD, model.upper - RANGE_GUARD)
@@ -206,9 +206,9 @@ class Compensated:
         return CommandPath(commands, motion, np.zeros(6), np.abs(wanted - q_cmd), wanted, 1.0, memory)
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
-        """Find the commands of motions that come next, so that ``move`` starts them at once.
+        """Find the commands of motions in advance, so that ``move`` starts them at once.
 
-        For a moving arm they are found for where its motion will have ended.
+        For a moving arm, they begin where its current motion ends.
 
         Raises:
             MotionRefused: as ``move``.
@@ -234,7 +234,7 @@ class Compensated:
         await self.robot.rest(*arms)
 
     def _memory(self, arm: str, sent: SetPoint) -> HysteresisState:
-        """Return the cable memory of an arm after the commands up to now."""
+        """Return the hysteresis state of an arm after all commands up to now."""
         path = self._paths.get(arm)
         if path is None:
             return self._rested[arm]
@@ -244,6 +244,7 @@ class Compensated:
         left = path.commands(min(sent.path_s, path.commands.duration_s))
         if not np.any(left != sent.q):
             return memory
+        # braking left the path: add the straight way from the path to the command that was sent
         aside = Trajectory.hermite([0.0, 1.0], [left, sent.q], np.tile(sent.q - left, (2, 1)))
         return memory.after(aside, 1.0)
 
@@ -260,7 +261,7 @@ class Compensated:
         return _Start(path.commands(path.commands.times_s[-1]), np.zeros(6), path, then=True)
 
     def _joints(self, arm: str, start: _Start) -> tuple[Array, HysteresisState]:
-        """Return where (6,) the true joints are commanded to be at a start, and the cable memory."""
+        """Return the command (6,) for the true joints at a start, and the hysteresis state."""
         if not start.then or start.after is None:
             return self.setpoint(arm).q, self._memory(arm, self.robot.setpoint(arm))
         path, memory = start.after, start.after.memory_at(start.after.commands.duration_s)
@@ -268,7 +269,7 @@ class Compensated:
         return memory.joints(start.q_cmd) if missed else path.desired(path.desired.times_s[-1]), memory
 
     def _found(self, motions: Mapping[str, Trajectory], starts: Mapping[str, _Start]) -> dict[str, CommandPath]:
-        """Return the commands of the compensated arms among these."""
+        """Return the command paths of the compensated arms among these."""
         paths = command_paths({arm: self._request(arm, motions[arm], start) for arm, start in starts.items()})
         if self.stop_at_limits:
             for arm, path in paths.items():
@@ -294,7 +295,7 @@ class Compensated:
     async def _sent(
         self, verb: Verb, motions: Mapping[str, Trajectory], paths: Mapping[str, CommandPath]
     ) -> Mapping[str, MotionResult]:
-        """Send commands in place of the motions, all on one time scale."""
+        """Send commands instead of the motions, all slowed down by one factor if needed."""
         self._keep_past(paths)
         stretch = max((path.stretch for path in paths.values()), default=1.0)
         if stretch > SLOWED:
@@ -313,7 +314,7 @@ class Compensated:
             raise
 
     def _keep_past(self, arms: Iterable[str]) -> None:
-        """Called before these arms' paths change: a robot that learns keeps what was sent so far."""
+        """Hook, called before these arms' paths change: a subclass that learns keeps what was sent so far."""
 
 
 def _require_inside(arm: ArmModel, path: CommandPath) -> None:

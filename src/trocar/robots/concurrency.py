@@ -11,14 +11,14 @@ from trocar.cell import Result
 
 
 class Pending(Generic[Result]):
-    """A result that is still being computed; None if there was none, or if it was not requested."""
+    """A result that a helper computes; None if it found nothing, or was never started."""
 
     def __init__(self) -> None:
         self._value: Result | None = None
         self._done: trio.Event | None = None
 
     def start(self, helpers: trio.Nursery, compute: Callable[[], Awaitable[Result | None]]) -> None:
-        """Compute it in parallel."""
+        """Compute the result in parallel."""
         self._done = trio.Event()
         helpers.start_soon(self._find, compute, self._done)
 
@@ -29,11 +29,11 @@ class Pending(Generic[Result]):
             done.set()
 
     def put(self, value: Result | None) -> None:
-        """Set it, if it was computed elsewhere."""
+        """Set a result that was computed elsewhere."""
         self._value, self._done = value, None
 
     async def take(self) -> Result | None:
-        """Return it once it is available; the second time, None."""
+        """Return the result once it is available; a second call returns None."""
         if self._done is not None:
             await self._done.wait()
         value, self._value = self._value, None
@@ -43,7 +43,7 @@ class Pending(Generic[Result]):
 async def with_helpers(script: Callable[[trio.Nursery], Awaitable[Result]]) -> Result:
     """Run a script that may start helpers; return its result when all have ended.
 
-    Helpers compute and must not fail. Whatever the script raises is passed on, and ends them.
+    Helpers compute and must not raise. An exception of the script cancels them and is raised again.
     """
     failure: Exception | None = None
     results: list[Result] = []
@@ -61,7 +61,7 @@ async def with_helpers(script: Callable[[trio.Nursery], Awaitable[Result]]) -> R
 async def together(*scripts: Callable[[], Awaitable[Any]]) -> None:
     """Run scripts side by side; return when all have ended.
 
-    Whatever the first one raises is passed on, and ends the others.
+    The first exception of a script cancels the others and is raised again.
     """
     failures: list[Exception] = []
 
@@ -92,7 +92,7 @@ async def first_of(*events: trio.Event) -> None:
 
 
 def cause_of(error: BaseException) -> BaseException:
-    """Return what is behind the groups that nurseries make of exceptions: an interruption, or else the first."""
+    """Return the exception inside (nested) groups: an interruption such as Ctrl-C if there is one, else the first."""
     errors = [error]
     for one in errors:  # the list grows by what is in each group
         errors.extend(one.exceptions if isinstance(one, BaseExceptionGroup) else ())

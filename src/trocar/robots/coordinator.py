@@ -1,4 +1,4 @@
-"""The coordinator of several arms in one space: who moves when, who may be where, and who waits for whom."""
+"""Coordination of several arms in one space: who moves when, who may be where, and who waits for whom."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class _Signal:
 
 @dataclass(frozen=True)
 class Margins:
-    """What the coordinator keeps between arms, and how long they wait.
+    """Distances that the coordinator keeps between arms, and how long arms wait.
 
     Attributes:
-        margin_m: kept between two arms, and between what they hold.
-        min_margin_m: the same for an arm that would otherwise be stuck.
-        patience_s: an arm that could not move for this long is told that it is ``Blocked``.
-        check_budget_s: declared for checking a motion against what the other arms do.
+        margin_m: distance kept between two arms, and between what they hold.
+        min_margin_m: the same for an arm that departs, or would otherwise be stuck.
+        patience_s: an arm that could not move for this long gets ``Blocked``.
+        check_budget_s: computing time declared for checking a motion against the other arms.
     """
 
     margin_m: float = 4e-3
@@ -57,13 +57,13 @@ class Margins:
 
 @dataclass
 class _Turn:
-    """How far one arm's script is beside the others'.
+    """The state of one arm's script, as the others see it.
 
     Attributes:
-        waiting: whether it waits until another arm does something else.
+        waiting: whether it waits for another arm to do something else.
         pressed: set when it is asked to give way.
-        step: of the task, as far as it has come.
-        at_work: whether others wait for its requests when they decide together.
+        step: last step of the task that it has reached.
+        at_work: whether joint decisions wait for its request.
     """
 
     waiting: bool = False
@@ -93,20 +93,19 @@ class _Request:
 class Coordinator:
     """Coordinates arms that share a space; the scripts of all arms share one coordinator.
 
-    * :meth:`admit` and :meth:`run`: each motion is checked against what the other arms do, then announced. An arm whose
-      motion is not free now waits at rest: as long as the other arm's announced motion requires, or until that arm does
-      something else. Of two arms that would wait for each other, one gets ``Blocked``, and its script does something
-      else: the one whose jaws are empty, else the one that has waited longer. So does an arm that has waited for longer
-      than its patience.
+    * :meth:`admit` and :meth:`run`: each motion is checked against the other arms, then announced. An arm whose motion
+      is not free now waits at rest: as long as the other arm's announced motion requires, or until that arm does
+      something else. If two arms would wait for each other, one gets ``Blocked``, and its script must do something
+      else: the one whose jaws are empty, else the one that has waited longer. An arm that has waited for longer than
+      ``patience_s`` gets ``Blocked`` too.
     * :meth:`reserve` and :meth:`release`: a space for one arm at a time.
     * :meth:`reached` and :meth:`wait_for_others`: arms that go back and forth between the same places keep pace.
-    * :meth:`decide_together`: one answer for all arms, once each has asked.
+    * :meth:`decide_together`: one decision for all arms, once each has asked.
 
     Args:
         cell: the laboratory.
-        arms: names of those that take part; others rest where they are in nobody's way, and the robot's guard knows
-            them.
-        margins: to keep.
+        arms: names of those that take part. The others must rest out of the way; the robot's guard still checks them.
+        margins: distances to keep, and waiting times.
 
     Raises:
         UnknownName: an arm is not in the cell.
@@ -129,16 +128,16 @@ class Coordinator:
         return len(self._turns) == 1
 
     def carry(self, arm: str, held: Capsules | None) -> None:
-        """Record what an arm has in its jaws now, in the frame of its tip; None: nothing."""
+        """Record what an arm holds in its jaws, as capsules in the frame of its tip; None: nothing."""
         self._lanes[arm].held = held
         self._motions.notify()
 
     def stands(self, arm: str, T_world_base: SE3) -> None:
-        """Record where an arm's base is, if that has become known better than it was registered."""
+        """Record a better estimate of an arm's base than the registered one."""
         self._lanes[arm].T_world_base = T_world_base
 
     def carries(self, arm: str) -> bool:
-        """Return whether an arm was recorded as having something in its jaws."""
+        """Return whether an arm was recorded as holding something."""
         return self._lanes[arm].held is not None
 
     # Motions.
@@ -154,16 +153,16 @@ class Coordinator:
         departure: Departure | None = None,
         waits: bool = True,
     ) -> None:
-        """Return when a motion is free; it is announced then, and ``run`` has to follow.
+        """Wait until a motion is free, then announce it; the caller must ``run`` it next.
 
         Args:
             arm: at rest where the motion starts.
             motion: of its joints.
             jaw_rad: widest opening of the jaws on the way.
-            margin_m: to keep to other arms; None: the default.
+            margin_m: distance to keep from other arms; None: the default.
             contact_s: interval of the motion in which the jaws may touch what the other arm holds.
             departure: how the arm gets away from where the motion ends; the other arm must leave room for that too.
-            waits: whether to wait until the other arm does something else, if its announced motion leaves no room.
+            waits: whether to wait for the other arm to do something else, if its announced motion leaves no room.
 
         Raises:
             Blocked: waiting does not help.
@@ -195,10 +194,10 @@ class Coordinator:
     async def _checked(
         self, arm: str, motion: Trajectory, margin_m: float, contact_s: tuple[float, float], departure: Departure | None
     ) -> float | None:
-        """Return the delay of a motion (see ``Traffic``), timed on the cell's clock; for one arm nothing is computed.
+        """Return the delay of a motion (see ``Traffic``), timed on the cell's clock; 0 if only one arm takes part.
 
-        The declared time passes before the check, because the check has to see the newest state of the other arms, and
-        nothing may come between it and the announcement.
+        The declared time passes before the check, because the check must see the latest state of the other arms, and
+        nothing may happen between the check and the announcement.
         """
         if self.alone:
             return 0.0
@@ -246,7 +245,7 @@ class Coordinator:
         place.holder = arm
 
     def release(self, arm: str, space: str) -> None:
-        """Leave a space to the arm that waits for it, if this arm had it."""
+        """Release a space, if this arm holds it, to the arm that waits for it."""
         place = self._spaces.get(space)
         if place is not None and place.holder == arm:
             place.holder = None
@@ -279,13 +278,13 @@ class Coordinator:
     # Joint decisions.
 
     def leave(self, arm: str) -> None:
-        """Let the others decide without this arm, which stays where it is; until it asks again."""
+        """Let the others decide without waiting for this arm, which stays where it is."""
         self._turns[arm].at_work = False
         self._asking.notify()
 
     @contextmanager
     def idle(self, arm: str) -> Iterator[None]:
-        """Let the others decide without this arm meanwhile."""
+        """Let the others decide without waiting for this arm until the context ends."""
         self.leave(arm)
         try:
             yield
@@ -295,12 +294,12 @@ class Coordinator:
     async def decide_together(
         self, arm: str, asked: Any, decide: Callable[[Mapping[str, Any]], Awaitable[Mapping[str, Any]]]
     ) -> Any:
-        """Ask, wait until all arms at work have asked, and return this arm's part of the one answer.
+        """Ask, wait until all arms at work have asked, and return this arm's part of the joint answer.
 
         Args:
-            arm: that asks.
-            asked: what.
-            decide: returns the answers by arm; it is called once for all that have asked.
+            arm: the arm that asks.
+            asked: its request, passed to ``decide``.
+            decide: returns the answers by arm, given all requests by arm; only one arm's function is called.
         """
         request = self._requests[arm] = _Request(asked)
         self._asking.notify()

@@ -19,19 +19,19 @@ TICK_S = 0.010
 """Period of the arms' controller (Hwang et al. 2022, V-B: 10 ms)."""
 
 JAW_REST_S = 0.05
-"""Time after the end of the jaws' ramp until they hold still."""
+"""Settling time of the jaws after the end of their ramp."""
 
 
 @dataclass
 class Completion:
-    """What whoever waits for a motion, or for jaws, gets: how it ended, and the row after its last one."""
+    """How a motion of an arm or its jaws ended, and the row after its last one, for the script that waits for it."""
 
     ending: Ending = Ending()
     last: int = 0
     over: trio.Event = field(default_factory=trio.Event)
 
     def finish(self, ending: Ending, last: int) -> None:
-        """Notify whoever waits; only the first ending counts."""
+        """Wake the script that waits; only the first ending counts."""
         if not self.over.is_set():
             self.ending, self.last = ending, last
             self.over.set()
@@ -72,7 +72,7 @@ class Driver:
 
     Args:
         now_s: returns the cell's clock.
-        records: whether what was commanded and read is kept for the results of motions.
+        records: whether to keep commands and readings for the results of motions.
     """
 
     def __init__(self, now_s: Callable[[], float], *, records: bool = True):
@@ -103,7 +103,7 @@ class Driver:
         return self._arm(arm).reading
 
     def setpoint(self, arm: str, ahead_s: float = 0.0) -> SetPoint:
-        """Return what the arm is commanded now, or will be so much later if nothing else is asked of it."""
+        """Return the arm's command now, or ``ahead_s`` from now if no other motion starts until then."""
         return self._arm(arm).executor.now(self._now_s() + ahead_s)
 
     def jaw_command_rad(self, arm: str) -> float:
@@ -118,7 +118,7 @@ class Driver:
         return await self._execute(motions)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Let trajectories take over from what the arms are doing now."""
+        """Replace the current motions of these arms without a stop."""
         for name in motions:
             self._arm(name)
         return await self._execute(motions)
@@ -155,14 +155,14 @@ class Driver:
         return {name: self._result(name, first, done.last, done.ending) for name, done in waiting.items()}
 
     def start_jaw(self, arm: str, angle_rad: float) -> Completion:
-        """Ramp the jaws to this opening at their speed from this tick on; the completion tells when they arrived."""
+        """Ramp the jaws to this opening at maximum speed from this tick on; the completion tells when they arrived."""
         jaw = self._arm(arm).jaw
         jaw.completion.finish(_ending(MotionEnd.REPLACED, arm, "the jaws were given another target"), len(self._times))
         jaw.goal_rad, jaw.ending, jaw.completion = angle_rad, Ending(), Completion()
         return jaw.completion
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
-        """Ramp the jaws to this opening at their speed; return when they arrived or stall."""
+        """Ramp the jaws to this opening at maximum speed; return when the ramp has ended and they have settled."""
         jaw = self._arm(arm).jaw
         if self._gone:
             await trio.lowlevel.checkpoint()
@@ -183,7 +183,7 @@ class Driver:
         self._brake(arms or self.names, MotionEnd.HELD, reason)
 
     def cancel(self, *arms: str) -> None:
-        """Bring these arms to rest because whoever moved them was cancelled."""
+        """Bring these arms to rest because the script that moved them was cancelled."""
         self._brake(arms, MotionEnd.CANCELLED)
 
     def fault(self, *arms: str, reason: TrocarError | str) -> None:
@@ -198,7 +198,7 @@ class Driver:
                 arm.jaw.goal_rad, arm.jaw.ending = arm.jaw.rad, ending
 
     def abandon(self, reason: str) -> None:
-        """Notify every script that waits, or will wait, that the physics or the connection is gone."""
+        """Tell every script that waits, now or later, that the physics or the connection is gone."""
         self._gone = reason
         for name, arm in self._arms.items():
             ending = _ending(MotionEnd.FAULT, name, reason)
@@ -214,7 +214,7 @@ class Driver:
                 await self._arm(name).completion.over.wait()
 
     def targets(self, name: str, times_s: Array) -> tuple[Array, Array, Array]:
-        """Return joints (n, 6), velocities (n, 6) and jaw openings (n,) to be sent at evenly spaced times to come."""
+        """Return joints (n, 6), velocities (n, 6) and jaw openings (n,) to send at evenly spaced future times."""
         arm = self._arms[name]
         q, velocity = arm.executor.samples(times_s)
         arm.sent = q[-1]
@@ -232,7 +232,7 @@ class Driver:
         return q, velocity, np.array(jaws)
 
     def remaining(self, name: str) -> tuple[Trajectory, float] | None:
-        """Return what an arm is still executing and the clock at its start; None at rest."""
+        """Return the trajectory that an arm is executing and its start on the clock; None at rest."""
         return self._arm(name).executor.remaining(self._now_s(), TICK_S)
 
     def braking(self, name: str) -> bool:
@@ -255,7 +255,7 @@ class Driver:
         return not arm.executor.moving and arm.jaw.rad == arm.jaw.goal_rad
 
     def note(self, now_s: float, readings: Mapping[str, JointReading]) -> None:
-        """Record what was read at the end of a tick; notify the scripts that wait for what has ended.
+        """Record the readings at the end of a tick; wake the scripts whose motions have ended.
 
         Args:
             now_s: the clock at the end of the tick.
@@ -287,5 +287,5 @@ class Driver:
 
 
 def _ending(ended: MotionEnd, arm: str, reason: TrocarError | str = "") -> Ending:
-    """Return how an arm's motion was ended, with the reason as a typed error."""
+    """Return the ending of an arm's motion, with the reason as a typed error."""
     return Ending(ended, reason if isinstance(reason, TrocarError) else ArmStopped(arm, reason or ended.value))

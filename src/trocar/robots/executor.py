@@ -1,4 +1,4 @@
-"""What one arm is commanded at each moment: a trajectory that is executed, braked, or replaced while it runs."""
+"""The set-points of one arm: from a trajectory that is executed, braked, or replaced while it runs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Ending(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Joints and velocities (n, 6), time along the path and its rate (n,), and whether the path is kept."""
+    """Joints and velocities (n, 6), time along the path and its rate (n,), and whether the arm is on the path."""
 
     q: Array
     velocity: Array
@@ -38,7 +38,7 @@ class _State(NamedTuple):
 
 @dataclass
 class _Motion:
-    """A trajectory on the cell's clock, and how it will have ended, once it has."""
+    """A trajectory on the cell's clock, and the ending to report once it is over."""
 
     trajectory: Trajectory
     start_s: float
@@ -52,7 +52,7 @@ class _Motion:
         return self.start_s + self.trajectory.duration_s
 
     def at(self, times_s: Array) -> _State:
-        """Return where it is at these times of the clock."""
+        """Return the state at these times of the clock."""
         trajectory, first_s = self.trajectory, self.trajectory.times_s[0]
         if self.braked is None:
             path_s = np.minimum(np.maximum(times_s - self.start_s, 0.0), trajectory.duration_s)
@@ -81,7 +81,7 @@ class TrajectoryExecutor:
         self._rest = np.array(q, dtype=np.float64)
         self._motion: _Motion | None = None
         self._path = 0.0, True
-        self._setpoint: SetPoint | None = None  # of this tick; None: the motion has changed since then
+        self._setpoint: SetPoint | None = None  # cached for one tick; None: the motion has changed since
 
     @property
     def moving(self) -> bool:
@@ -94,9 +94,9 @@ class TrajectoryExecutor:
         return self._motion is not None and self._motion.braked is not None
 
     def remaining(self, now_s: float, step_s: float) -> tuple[Trajectory, float] | None:
-        """Return what is still being executed and the clock at its start; None at rest.
+        """Return the trajectory being executed and its start on the clock; None at rest.
 
-        A braking motion is sampled in steps, because its own trajectory no longer tells when it is where.
+        A braking motion is sampled in steps, because it no longer follows the timing of its trajectory.
         """
         motion = self._motion
         if motion is None:
@@ -113,7 +113,7 @@ class TrajectoryExecutor:
         self._motion, self._setpoint = _Motion(trajectory, now_s), None
 
     def brake(self, now_s: float, ending: Ending) -> None:
-        """Come to rest from now on; an arm that is already at rest or braking continues as it is."""
+        """Start to brake; does nothing if the arm is already at rest or braking."""
         motion = self._motion
         if motion is None or motion.braked is not None:
             return
@@ -122,7 +122,7 @@ class TrajectoryExecutor:
         motion.braked, motion.ending, self._setpoint = (now_s, stop), ending, None
 
     def advance(self, now_s: float) -> Ending | None:
-        """Return how a motion has ended, once it has; the arm rests from then on."""
+        """Return the ending of a motion that is over, and rest from then on; None if it is not over, or at rest."""
         motion = self._motion
         if motion is None or now_s < motion.end_s - DONE_S:
             return None
@@ -146,7 +146,7 @@ class TrajectoryExecutor:
         return state.q, state.velocity
 
     def now(self, now_s: float) -> SetPoint:
-        """Return the command at this time of the clock; all callers within one tick get the same, read-only."""
+        """Return the command at this time of the clock; all callers within one tick share one read-only value."""
         if self._setpoint is None or self._setpoint.time_s != now_s:
             if self._motion is None:
                 path_s, on_path = self._path

@@ -1,4 +1,4 @@
-"""The innermost wrapper of every robot: what is sent stays within what the laboratory allows."""
+"""The innermost wrapper of every robot: it keeps all motions within what the laboratory allows."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ WORKSPACE_STEP_S = 0.010
 CLOSER_M = 1e-4
 """Arms that are already too close may come this much closer on their way apart."""
 STRETCH_TOLERANCE = 1e-6
-"""A limit counts as kept up to this share above it, because planners use the full limit and floats round."""
+"""A limit may be exceeded by this share, because planners use the full limit and floats round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class ArmGuard:
         model: of the arm; positions stay within its joints' ranges.
         limits: of velocity and acceleration.
         T_world_base: its base as registered.
-        workspace_m: (2, 3) lower and upper corner in the world of the box that the tip may not leave; None: no box.
+        workspace_m: (2, 3) lower and upper corner, in the world, of a box that the tip may not leave; None: no box.
     """
 
     model: ArmModel
@@ -60,10 +60,10 @@ class ArmGuard:
 
 @runtime_checkable
 class GuardableRobot(Robot, Protocol):
-    """A robot that a guard can watch: it tells what it is about to do, and lets the guard stop it."""
+    """A robot that a guard can watch: it tells what it will do next, and lets the guard stop it."""
 
     def remaining(self, arm: str, /) -> tuple[Trajectory, float] | None:
-        """Return what an arm is still executing and the clock at its start; None at rest."""
+        """Return the trajectory that an arm is executing and its start on the clock; None at rest."""
         ...
 
     def braking(self, arm: str, /) -> bool:
@@ -81,35 +81,34 @@ class GuardableRobot(Robot, Protocol):
 
 @runtime_checkable
 class JointEstimator(Protocol):
-    """Compensates an arm's cables, and so knows where its commands lead."""
+    """Compensates an arm's cables, so that it can estimate where commands take the joints."""
 
     def setpoint(self, arm: str) -> SetPoint:
         """Return where the joints are estimated to be."""
         ...
 
     def expected(self, arm: str) -> Trajectory | None:
-        """Return the joints' motion while the arm plays its commands, on the commands' time; None: as commanded."""
+        """Return the joint motion expected from the current commands, on their time; None: as commanded."""
         ...
 
 
 class Guarded:
-    """A robot that refuses unsafe motions, slows down those that are too fast, and stops an arm whose readings stop.
+    """A robot that refuses unsafe motions, slows down motions that are too fast, and stops arms without new readings.
 
-    It covers the joints' positions, velocities and accelerations, jumps in position or velocity at the start of a
-    motion, the jaws' range, a workspace for the tip, the distance swept between arms, and readings that stopped
-    coming. It logs what it had to change as the event ``guard``.
+    It checks the joints' positions, velocities and accelerations, jumps in position or velocity at the start of a
+    motion, the jaws' range, a workspace for the tip, the distance between arms along their motions, and the age of
+    readings. It logs what it had to change as the event ``guard``.
 
     Args:
         robot: what it wraps.
         arms: what each arm is allowed; an arm that is not here cannot be moved.
-        min_distance_m: between the instruments of two arms; 0 or less: not checked.
+        min_distance_m: least distance between the instruments of two arms; 0 or less: not checked.
         stale_s: a reading older than this stops its arm.
         note: called as ``note("guard", arm=..., ...)`` with what was changed.
 
     Attributes:
-        estimator: compensates the cables. Distances between arms are checked where the joints are estimated to be; the
-            commands differ from that by the cables' errors, millimetres at the tip. None: commands are taken at face
-            value.
+        estimator: compensates the cables. Distances between arms are checked at its estimate of the joints; commands
+            differ from it by the cables' errors, millimetres at the tip. None: commands are taken as the joints.
     """
 
     def __init__(
@@ -136,7 +135,7 @@ class Guarded:
         return self._robot.read(arm)
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is commanded now; the time along the path is that of the motion as it was handed over."""
+        """Return the current command; ``path_s`` counts along the motion as it was given, before it was slowed down."""
         now, factor = self._robot.setpoint(arm), self._stretch.get(arm, 1.0)
         if factor == 1.0:
             return now
@@ -151,7 +150,7 @@ class Guarded:
         return await self._robot.move(self._allowed(motions, replaces=False))
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Let trajectories take over; one that starts moving cannot be slowed down and is refused if it is too fast.
+        """Replace the current motions; refuse what is too fast, if an arm is moving: it cannot be slowed down then.
 
         Raises:
             MotionRefused: a motion leaves what is allowed; the current motion then goes on.
@@ -182,7 +181,7 @@ class Guarded:
         await self._robot.rest(*arms)
 
     def check(self) -> None:
-        """Stop every arm whose readings have stopped coming, and every arm that would run into one that stopped.
+        """Stop every arm whose readings are stale, and every arm that would run into one that brakes.
 
         The owner of the loop calls this each tick.
         """
@@ -200,12 +199,12 @@ class Guarded:
             if stale:
                 reason = StaleReading(name, age_s, self._stale_s)
                 self._robot.fault(name, reason=reason)
-                if name not in self._silent:  # its motion is known while it brakes
+                if name not in self._silent:  # noted once, though the fault repeats each tick
                     self._note("guard", arm=name, reason=str(reason))
             (self._silent.add if stale else self._silent.discard)(name)
 
     def _stop_before(self, braking: set[str]) -> None:
-        """Stop the arms whose motions come too close to what these arms are doing now."""
+        """Stop the other arms whose motions come too close to these braking arms."""
         for name in self._arms:
             remaining = self._robot.remaining(name)
             if name not in braking and remaining is not None:
@@ -220,7 +219,7 @@ class Guarded:
         return self._arms[arm]
 
     def _allowed(self, motions: Mapping[str, Trajectory], replaces: bool) -> dict[str, Trajectory]:
-        """Return the motions in the form in which they may be sent, on one common time scale."""
+        """Check the motions; return them, slowed down by one common factor if one is too fast."""
         if not motions:
             raise InvalidInput("a motion", "names no arm", "give a trajectory for each arm that is to move")
         for name in motions:
@@ -253,7 +252,7 @@ class Guarded:
         return sent
 
     def _too_near(self, motions: Mapping[str, tuple[Trajectory, float]]) -> TooNear | None:
-        """Return how motions, each with its start on the clock, bring arms too close; None if they do not."""
+        """Return the refusal if motions, each with its start on the clock, bring arms too close; else None."""
         if self._min_distance_m <= 0 or len(self._arms) < 2:
             return None
         now = self._robot.setpoint(next(iter(motions))).time_s
@@ -278,7 +277,7 @@ class Guarded:
         )
 
     def _mover(self, name: str, motion: tuple[Trajectory, float] | None) -> MovingArm:
-        """Return an arm moving on a motion that starts at this clock; None: at rest."""
+        """Return an arm, at its estimated joints, on a motion with its start on the clock; None: at rest."""
         guard, jaw_rad = self._arms[name], self._robot.widest_jaw_rad(name)
         estimator, q_cmd = self.estimator, self._robot.setpoint(name).q
         off = np.zeros_like(q_cmd) if estimator is None else estimator.setpoint(name).q - q_cmd
@@ -289,7 +288,7 @@ class Guarded:
         if expected is not None and not self._robot.braking(name):
             believed = expected.stretched(trajectory.duration_s / expected.duration_s)
         else:
-            shifted = trajectory.coefficients.copy()
+            shifted = trajectory.coefficients.copy()  # assume that the cables' present error lasts
             shifted[-1] += off
             believed = Trajectory(trajectory.times_s, shifted)
         return MovingArm(guard.model, believed, guard.T_world_base, start_s, jaw_rad)
@@ -328,5 +327,5 @@ class Guarded:
 
 
 def start_mismatch(arm: str, jump: float) -> StartMismatch:
-    """Return the refusal of a motion that starts this far (rad, m) from where its arm is."""
+    """Return the refusal of a motion that starts this far (rad, m) from its arm's set-point."""
     return StartMismatch(arm, f"starts {jump:.6f} rad (or m) away from its set-point", "start it there")

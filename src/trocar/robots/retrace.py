@@ -1,4 +1,4 @@
-"""The way back: an arm returns along the path that it came, where nothing was in its way."""
+"""The way back: an arm returns along the path that it came, which was free of obstacles."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
 APART = 5e-3
-"""Points of the path closer to one another than this (rad, m) are left out: a hand trembles."""
+"""Points of the path closer together than this (rad, insertion times ``WEIGHT``) are left out: a hand trembles."""
 RATE = 0.4
 """Mean speed of the fastest joint, rad/s (assumed: gentle); a guard slows down what its limits do not allow."""
 WEIGHT = np.array([1.0, 1.0, 5.0, 1.0, 1.0, 1.0])
 """A metre of the insertion counts as 5 rad: the tip is .1 to .2 m from the remote centre."""
 KNOTS_S = 0.04
 LEAST_S = 0.5
-"""It takes at least so long."""
+"""Minimum duration."""
 
 
 def apart(q: Array, other: Array) -> bool:
-    """Return whether joints (6,) are far enough from others for both to be points of a path."""
+    """Return whether two configurations (6,) are far enough apart for both to be points of a path."""
     return bool(np.abs((q - other) * WEIGHT).max() > APART)
 
 

@@ -1,6 +1,6 @@
-"""A robot that is pushed off the paths that it is asked for, and comes back to them: noise in the sense of DART.
+"""A robot that is pushed off its requested paths, and returns to them: noise injection as in DART.
 
-Demonstrations that never leave their path do not show how to come back to it (Laskey et al. 2017).
+Demonstrations that never leave their path do not show how to return to it (Laskey et al. 2017).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _BUMP = 64.0 * np.array([-1.0, 3.0, -3.0, 1.0, 0.0, 0.0, 0.0])
 
 
 class Shaken:
-    """Plays each motion with a push that is largest half-way; set-points are those that were asked for.
+    """Plays each motion with a push that is largest half-way; ``setpoint`` reports the requested motion.
 
-    A motion that the push would make impossible is played as it was asked for.
+    If the robot refuses the pushed motion, the requested one is played.
 
     Args:
         robot: what it wraps, below any compensation.
@@ -35,7 +35,7 @@ class Shaken:
 
     def __init__(self, robot: Robot, arms: Mapping[str, ArmModel], rng: np.random.Generator, push_m: float):
         self._robot, self._arms, self._rng, self._push_m = robot, arms, rng, push_m
-        self._pushed: dict[str, tuple[Trajectory, Trajectory]] = {}  # by arm: what is asked for next, and with its push
+        self._pushed: dict[str, tuple[Trajectory, Trajectory]] = {}  # the requested motion, without and with its push
         self._asked: dict[str, Trajectory] = {}
 
     def read(self, arm: str) -> JointReading:
@@ -43,14 +43,14 @@ class Shaken:
         return self._robot.read(arm)
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return where the arm was asked to be by now; where it rests, if it was stopped."""
+        """Return the requested state of a moving arm; if it rests or left its path, its real command."""
         sent, asked = self._robot.setpoint(arm), self._asked.get(arm)
         if asked is None or not (sent.moving and sent.on_path):
             return sent
         return replace(sent, q=asked(sent.path_s), velocity=sent.path_rate * asked(sent.path_s, 1))
 
     def push(self, arm: str) -> Array:
-        """Return how far (6,) the push has brought an arm off the path that it was asked for by now."""
+        """Return the present offset (6,) of an arm from its requested motion."""
         return self._robot.setpoint(arm).q - self.setpoint(arm).q
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
@@ -63,7 +63,7 @@ class Shaken:
         return await self._sent(self._robot.move, motions, pushed)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Let trajectories take over from where the arms were asked to be; they begin where a push has brought them."""
+        """Replace the current motions, from the requested set-points; what is played begins at the pushed ones."""
         return await self._sent(self._robot.replace, motions, {a: self._back(a, motions[a]) for a in motions})
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
@@ -104,13 +104,13 @@ class Shaken:
         return known[1]
 
     def _joints(self, arm: str, q: Array, push_m: Array) -> Array:
-        """Return the change of the joints (6,) that moves the tip by a push (3,), by the first three alone."""
+        """Return the change of the joints (6,) that moves the tip by a push (3,), using the first three joints only."""
         found = np.zeros(6)
         found[:3] = np.linalg.lstsq(jacobian(self._arms[arm], q)[:3, :3], push_m, rcond=None)[0]
         return found
 
     def _back(self, arm: str, motion: Trajectory) -> Trajectory:
-        """Return a motion that begins where the arm is and ends where it is asked to."""
+        """Return a motion that begins where the arm is, and ends where it was requested to end."""
         sent, asked = self._robot.setpoint(arm), self.setpoint(arm)
         off = np.stack([sent.q - asked.q, np.zeros(6)]), np.stack([sent.velocity - asked.velocity, np.zeros(6)])
         return motion.plus(Trajectory.hermite(motion.times_s[[0, -1]], *off)) if np.any(off[0]) else motion

@@ -1,4 +1,4 @@
-"""A robot beside which a person sits, who lets motions start, stops them on their way, and lets them go on."""
+"""A robot supervised by a person, who permits motions, stops them on their way, and lets them go on."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from trocar.errors import ArmStopped, MotionRefused, TrocarError
 from trocar.trajectory import Trajectory
 
 RAMP_S = 0.4
-"""A motion that goes on after a stop reaches its speed after this time."""
+"""Time in which a motion that goes on after a stop reaches its speed."""
 KNOT_S = 0.02
-"""Distance of the knots of what is left of a motion."""
+"""Time between the knots of the remainder of a motion."""
 BACK = 1e-6
 """An arm that a person moved is back if all joints are this near (rad, m) to where they were: rounding."""
 LEAST_S = 1e-3
-"""Of a motion of which less is left, nothing is left."""
+"""A stopped motion with less than this left counts as done."""
 
 Verb = Callable[[Mapping[str, Trajectory]], Awaitable[Mapping[str, MotionResult]]]
 
@@ -32,7 +32,7 @@ class StoppedByPerson(ArmStopped):
 
 
 class Supervisor(Protocol):
-    """The person, as the robot knows one."""
+    """The person, as the robot sees them."""
 
     async def permit(self, motions: Mapping[str, Trajectory]) -> None:
         """Return once these motions, as they will be sent, may start."""
@@ -48,18 +48,18 @@ class Supervisor(Protocol):
 
 
 class _Rest(NamedTuple):
-    """What is left of a motion, from rest, and the time along the whole motion over its own time."""
+    """The remainder of a motion, from rest, and the time along the whole motion as a function of its own time."""
 
     motion: Trajectory
     path_s: Trajectory
 
 
 class Supervised:
-    """Lets each motion start when a person permits it; one that the person stopped goes on from where its arm is.
+    """Starts each motion when a person permits it; one that the person stopped goes on from where its arm is.
 
-    To a script, a motion that was stopped only takes longer: its path stays the same, and ``setpoint`` says how far it
-    is. So it goes below the compensation of the cables, just over the guard. Streams (``replace``) that come while an
-    arm is stopped are not waited for: they end as ``HELD``, and their owner goes on from where the arm is.
+    To a script, a stopped motion only takes longer: its path stays the same, and ``setpoint`` tells how far along it
+    the arm is. So this wrapper goes below the compensation of the cables, just above the guard. A ``replace`` while an
+    arm is stopped does not wait: it ends as ``HELD``, and its caller goes on from where the arm is.
 
     Args:
         robot: what it wraps.
@@ -67,7 +67,7 @@ class Supervised:
 
     Attributes:
         robot: what it wraps.
-        jaws_rad: to which opening the jaws were driven last, by arm.
+        jaws_rad: last commanded opening of the jaws, by arm.
     """
 
     def __init__(self, robot: Robot, supervisor: Supervisor):
@@ -81,7 +81,7 @@ class Supervised:
         return self.robot.read(arm)
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is commanded now; its time along the path is that of the motion as it was asked for."""
+        """Return the current command; ``path_s`` counts along the whole motion as it was asked for."""
         now, rest, lent = self.robot.setpoint(arm), self._rests.get(arm), self._lent.get(arm)
         if lent is not None:
             back = not now.moving and bool(np.abs(now.q - lent.q).max() < BACK)
@@ -93,14 +93,14 @@ class Supervised:
         return replace(now, path_s=float(rest.path_s(now.path_s)[0]), path_rate=rate)
 
     def lend(self, arm: str) -> None:
-        """Note that a person moves an arm at rest, and brings it back before anything else moves it.
+        """Note that a person moves an arm that is at rest, and brings it back before anything else moves it.
 
-        Meanwhile it is off the path of its last motion, and once it is back, ``setpoint`` is what it was.
+        Meanwhile ``setpoint`` reports it as off the path of its last motion; once it is back, as before.
         """
         self._lent[arm] = self.setpoint(arm)
 
     def plays_another(self, arm: str) -> bool:
-        """Return whether what the arm plays, or played last, is not, or only a rest of, what was asked for last."""
+        """Return whether the arm's current or last motion is only a remainder of the requested one, or a person's."""
         return arm in self._rests or arm in self._lent
 
     def prepare(self, motions: Mapping[str, Trajectory]) -> None:
@@ -113,13 +113,13 @@ class Supervised:
         return await self._played(self.robot.move, motions)
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Let trajectories take over; while an arm is stopped, they end before they begin."""
+        """Replace the current motions; while an arm is stopped, return ``HELD`` at once."""
         if any(self._supervisor.forbids(arm) for arm in motions):
             return {arm: MotionResult.not_started(MotionEnd.HELD, StoppedByPerson(arm)) for arm in motions}
         return await self._played(self.robot.replace, motions)
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
-        """Drive the jaws, once the arm may be used; where the person stops it, they go on afterwards."""
+        """Drive the jaws once the arm may be used; if the person stops it, they go on afterwards."""
         while True:
             await self._supervisor.free(arm)
             self.jaws_rad[arm] = angle_rad
@@ -136,7 +136,7 @@ class Supervised:
         await self.robot.rest(*arms)
 
     async def _played(self, verb: Verb, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Run motions, and what is left of those that the person stops."""
+        """Run motions, and the remainders of those that the person stops."""
         results = dict(await self._sent(verb, motions, {}))
         while stopped := [arm for arm, result in results.items() if isinstance(result.cause, StoppedByPerson)]:
             left = {arm: rest for arm in stopped if (rest := self._left(arm, motions[arm]))}
@@ -148,10 +148,10 @@ class Supervised:
         return results
 
     async def _went_on(self, left: Mapping[str, _Rest], results: Mapping[str, MotionResult]) -> dict[str, MotionResult]:
-        """Run what is left of motions, and return the results of the whole motions.
+        """Run the remainders of motions, and return the results of the whole motions.
 
-        Of two arms that go on one after the other, the second one may still be in the way of the first: that one then
-        waits until the second rests. If it is refused again, the motion has ended where it was stopped, held.
+        If the robot refuses, another arm may still be in the way: try again once all arms rest. If it refuses again,
+        the motions end as ``HELD`` where they were stopped.
         """
         motions = {arm: rest.motion for arm, rest in left.items()}
         try:
@@ -167,7 +167,7 @@ class Supervised:
     async def _sent(
         self, verb: Verb, motions: Mapping[str, Trajectory], rests: Mapping[str, _Rest]
     ) -> Mapping[str, MotionResult]:
-        """Run motions, which may be rests of others; if they are refused, what was known of the last ones stays."""
+        """Run motions, or remainders of motions; if they are refused, restore what was known of the last ones."""
         known, lent = self._forget(motions)
         self._rests |= rests
         try:
@@ -184,7 +184,7 @@ class Supervised:
         return rests, {arm: self._lent.pop(arm) for arm in arms if arm in self._lent}
 
     def _left(self, arm: str, motion: Trajectory) -> _Rest | None:
-        """Return what is left of a motion at whose stop the arm rests; None: nothing."""
+        """Return the remainder of a motion from where the stopped arm rests; None: nothing is left."""
         now = self.setpoint(arm)
         start_s, end_s = min(now.path_s, motion.times_s[-1]), motion.times_s[-1]
         left_s = float(end_s - start_s)

@@ -1,4 +1,4 @@
-"""When an arm may start a motion beside others whose motions are announced: distances between moving bodies."""
+"""When an arm may start a motion, given the announced motions of others: distances between moving bodies."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from trocar.motion import MovingArm, swept_clearance
 from trocar.trajectory import Trajectory
 
 NEVER = (inf, inf)
-"""An interval of a motion in which nothing may be touched."""
+"""An empty interval of a motion: nothing may be touched at any time."""
 STEP_S = 0.04
-"""Between samples of two motions."""
+"""Time between samples of two motions."""
 DELAY_STEP_S = 0.08
 """Step between the delays that are tried."""
 CLOSER_M = 0.5e-3
-"""Arms that are closer than the margin may come this much closer on their way apart, ..."""
+"""Arms that are already closer than the margin may come this much closer on their way apart."""
 MIN_DISTANCE_M = 1.2e-3
-"""... but not closer than this, unless they already are: the stations' guards keep 1 mm."""
+"""They may not come closer than this, unless they already are: the stations' guards keep 1 mm."""
 GUARDED_M = 5e-5
-"""If arms are even closer than that, the guards let them come .1 mm closer on their way apart."""
+"""Arms even closer than ``MIN_DISTANCE_M`` may come this much closer; the guards would allow .1 mm."""
 AT_END = 1e-6
 """An arm this close (rad, m) to the end of its motion has arrived."""
 
@@ -41,7 +41,7 @@ class MovingBody:
     held: Capsules | None = None
 
     def empty(self) -> MovingBody:
-        """Return the same with empty jaws."""
+        """Return the body with empty jaws."""
         return replace(self, held=None)
 
     def capsules(self, t_s: Array) -> Capsules:
@@ -54,7 +54,7 @@ class MovingBody:
 
 
 def distance_m(a: MovingBody, a_s: float, b: MovingBody, b_s: float) -> float:
-    """Return the distance of two bodies, one at the time ``a_s`` of its clock, the other at ``b_s``."""
+    """Return the distance between body ``a`` at time ``a_s`` and body ``b`` at ``b_s``, each on its own clock."""
     return float(capsule_distances_m(a.capsules(np.array([a_s])), b.capsules(np.array([b_s]))).min())
 
 
@@ -66,16 +66,16 @@ def min_delay_s(
     delays_s: Sequence[float],
     contact_s: tuple[float, float] = NEVER,
 ) -> float | None:
-    """Return the first of several delays after which a body may start; None if none of them will do.
+    """Return the first of several delays after which a body may start; None if none of them works.
 
-    Sampled only: the caller checks the chosen motion between the samples too.
+    Distances are only sampled; the caller must check the chosen motion between the samples.
 
     Args:
         mover: the body that waits; its motion starts at 0 of its arm's own clock.
         other: the body to avoid; its clock is the cell's.
         now_s: the cell's clock.
-        margin_m: to keep.
-        delays_s: to try, in order.
+        margin_m: distance to keep.
+        delays_s: delays to try, in order.
         contact_s: interval of its motion in which the mover may touch what the other one holds.
     """
     lasting_s = mover.arm.trajectory.duration_s
@@ -89,6 +89,7 @@ def min_delay_s(
         theirs = other.capsules(now_s + times)
         apart = (times < delay_s + contact_s[0]) | (times >= delay_s + contact_s[1])
         apart_own, near_own = (Capsules(mine.ends_m[index[when]], mine.radii_m) for when in (apart, ~apart))
+        # in the contact interval, only the other arm itself counts, not what it holds
         gaps = capsule_distances_m(apart_own, Capsules(theirs.ends_m[apart], theirs.radii_m))
         touching = capsule_distances_m(near_own, Capsules(theirs.ends_m[~apart, arm], theirs.radii_m[arm]))
         if min(gaps.min(initial=inf), touching.min(initial=inf)) >= margin_m:
@@ -101,8 +102,8 @@ class Departure:
     """How an arm gets away from the end of a motion.
 
     Attributes:
-        motion: from there to where nothing is in its way.
-        held: what it will have in its jaws then, in the frame of its tip; None: nothing.
+        motion: from there to a place out of the way.
+        held: what it will hold then, in the frame of its tip; None: nothing.
     """
 
     motion: Trajectory
@@ -115,10 +116,10 @@ class Lane:
 
     Attributes:
         model: of the arm.
-        T_world_base: its base, as registered or better.
+        T_world_base: its base, as registered, or a better estimate.
         announced: its motion; None at rest.
         held: solids in its jaws, in the frame of its tip; None: empty.
-        departure: how it gets away from where that motion ends; None: not needed there.
+        departure: how it gets away from where that motion ends; None: it need not.
         jaw_rad: widest opening of its jaws on that motion.
     """
 
@@ -136,7 +137,7 @@ class Traffic:
     Args:
         cell: the laboratory.
         arms: names.
-        min_margin_m: kept by arms that depart.
+        min_margin_m: distance kept by arms that depart.
 
     Attributes:
         lanes: what each arm does.
@@ -149,12 +150,12 @@ class Traffic:
     def delay_s(
         self, arm: str, motion: Trajectory, margin_m: float, contact_s: tuple[float, float], departure: Departure | None
     ) -> float | None:
-        """Return the delay after which a motion is free; None if it never is while other arms stay where they go.
+        """Return the delay after which a motion is free; None if it never is while the other arms rest where they end.
 
         Args:
             arm: at rest where the motion starts, its lane up to date.
             motion: of its joints.
-            margin_m: to keep to the other arms; less where they are closer than that already.
+            margin_m: distance to keep from the other arms; less if they are already closer than that.
             contact_s: interval of the motion in which the jaws may touch what another arm holds.
             departure: how the arm gets away from where the motion ends.
         """
@@ -179,7 +180,7 @@ class Traffic:
     def _can_depart(
         self, lane: Lane, departure: Departure | None, other: Lane, body: MovingBody, motion: Trajectory
     ) -> bool:
-        """Return whether two arms could get away from where their motions end, one while the other rests there."""
+        """Return whether each of two arms could depart from the end of its motion while the other rests at its end."""
         mine = MovingArm.resting(lane.model, motion(motion.times_s[-1]), lane.T_world_base, lane.jaw_rad)
         theirs = MovingArm.resting(other.model, body.arm.joints(body.arm.end_s), other.T_world_base, body.arm.jaw_rad)
         ways = (departure, lane, MovingBody(theirs, body.held)), (other.departure, other, MovingBody(mine, lane.held))
@@ -215,5 +216,5 @@ class Traffic:
 
 
 def _relaxed(margin_m: float, here_m: float) -> float:
-    """Return the margin, or less where arms are closer than that already: they may move apart."""
+    """Return the margin, or less if arms are already closer than that, so that they may move apart."""
     return min(margin_m, max(here_m - CLOSER_M, min(MIN_DISTANCE_M, here_m - GUARDED_M)))
