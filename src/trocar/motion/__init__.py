@@ -1,4 +1,4 @@
-"""Motions in joint space: from a problem to a checked plan; planners by name; plain moves; limits, bound, distances."""
+"""Motion in joint space: problems, planners, checked plans, simple moves, limits, duration bounds, distances."""
 
 from trocar.motion.bodies import Capsule, HalfSpace, MovingArm, Obstacle, open_box, wall
 from trocar.motion.check import vertical_deviation_m

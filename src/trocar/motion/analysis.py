@@ -15,7 +15,7 @@ from trocar.motion.qp import Program
 
 # Where the Huber losses become linear, in standard deviations: within 5 % of least squares on Gaussian noise.
 THRESHOLD = 1.345
-WINDOW, OVERLAP = 2000, 100  # samples solved at once, and how many two windows share; each supplies half of these
+WINDOW, OVERLAP = 2000, 100  # samples solved at once, and shared by two windows, each of which supplies half of them
 CHOSEN_ON = 800  # number of samples used in cross-validation, where the signal moves most
 DECADES, FIRST_DECADE = (-3, 7), 1  # the weights of cross-validation: a descent by decades, then by half decades
 HELD_OUT = 7  # one in this many samples is held out, to be predicted
@@ -108,8 +108,8 @@ def estimate(measured: Array, step_s: float, smoothness: float | None = None) ->
         p_t+1 = p_t + v_t T + (2 a_t + a_t+1) T^2 / 6
         v_t+1 = v_t + (a_t + a_t+1) T / 2
 
-    So measurements that lie far off count linearly, and so do jumps of the acceleration, which time-optimal motions
-    have. The noise s is estimated from sixth differences; the weight w is the one that predicts held-out samples best.
+    So outliers count linearly, and so do jumps of the acceleration, which time-optimal motions have. The noise s is
+    estimated from sixth differences; the weight w is the one that predicts held-out samples best.
 
     Args:
         measured: (n,) at even steps; NaN where there is no measurement.
@@ -153,7 +153,7 @@ def _liveliest(scaled: Array) -> slice:
 
 
 def _best_weight(scaled: Array, kept: Array) -> float:
-    """Return the smoothness weight with which held-out samples are predicted best (mean Huber loss)."""
+    """Return the smoothness weight that predicts held-out samples best (mean Huber loss)."""
     held_out = np.zeros(len(scaled), dtype=bool)
     held_out[HELD_OUT // 2 :: HELD_OUT] = True
     judged = held_out & (kept > 0)

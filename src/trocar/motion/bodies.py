@@ -22,7 +22,7 @@ from trocar.trajectory import Trajectory
 INSERTION = 2  # the joint that slides; all axes before it and the roll after it pass through the remote centre
 BALL_RADIUS_M = 1e7  # of the ball that represents a half-space: flat within 1 um over 4 m; rounding stays below 10 nm
 BALL_LIFT_M = 1e-6  # how far that ball is raised, so that it contains all of the half-space nearby
-GAP_M = 1.5e-3  # greatest gap between two rows of a wall: nothing that is 2 mm thick passes
+GAP_M = 1.5e-3  # greatest gap between two rows of a wall: nothing 2 mm thick fits through
 HIGHEST_M = 10.0
 
 
@@ -68,7 +68,7 @@ class MovingArm:
 
     @property
     def end_s(self) -> float:
-        """Return when it comes to rest."""
+        """Return when the arm comes to rest, on the caller's clock."""
         return self.start_s + self.trajectory.duration_s
 
     @property
@@ -136,8 +136,8 @@ Obstacle = Capsule | HalfSpace
 def stacked(obstacles: Mapping[str, Obstacle]) -> Capsules:
     """Return the obstacles in order as capsules in the world: ends (k, 2, 3) m, radii (k,).
 
-    A half-space becomes a ball so large that it is as good as the half-space, and no smaller where arms are; so
-    planners, checks and guards need only one shape.
+    A half-space becomes a ball so large that it is flat near the arms, and contains the half-space there. So planners,
+    checks and guards need only one shape.
     """
     ends, radii = np.zeros((len(obstacles), 2, 3)), np.zeros(len(obstacles))
     for k, thing in enumerate(obstacles.values()):
@@ -175,7 +175,7 @@ def wall(name: str, start_m: ArrayLike, end_m: ArrayLike, height_m: float, radiu
 def open_box(
     name: str, T_world_box: SE3, inside_m: tuple[float, float], height_m: float, radius_m: float
 ) -> dict[str, Capsule]:
-    """Return the four walls of a box without a lid, by name: a receptacle. Its floor is what it stands on.
+    """Return the four walls of a box without lid and floor, by name: a receptacle on a table.
 
     >>> receptacle = open_box("receptacle", T_world_left, (0.11, 0.07), 0.02, 0.002)
 
@@ -184,7 +184,7 @@ def open_box(
         T_world_box: pose of the middle of its floor, z straight up.
         inside_m: its length along x and y, between the walls.
         height_m: of the walls.
-        radius_m: half the walls' thickness, outside of what is inside.
+        radius_m: half the thickness of the walls, which are outside of ``inside_m``.
     """
     if not min(finite(f"the inside of box {name!r}", inside_m, 2)) > 0:
         raise InvalidInput(f"box {name!r}", f"is {inside_m} m wide inside", "give two lengths above 0")
@@ -198,7 +198,7 @@ def open_box(
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The capsules of moving arms, then those of obstacles, and which pairs of them count."""
+    """The capsules of moving arms, then those of obstacles, and the pairs of them to be compared."""
 
     movers: tuple[MovingArm, ...]  # the arms, four capsules each
     still: Capsules  # the obstacles

@@ -10,9 +10,9 @@ from trocar.arms import MotionLimits
 from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
-STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02  # braking is integrated in steps of so much, and change of the rate
+STEP_S, MIN_STEP_S, MAX_CHANGE = 1e-3, 5e-5, 0.02  # integration steps: longest, shortest, and wanted change of the rate
 HEADROOM = 0.99  # share of the acceleration limits that braking uses: a margin for what lies between two steps
-PATIENCE, GRACE_S = 2.0, 0.1  # on the path it may take this factor longer than the joints by themselves, plus this time
+PATIENCE, GRACE_S = 2.0, 0.1  # braking on the path may take this factor longer than independent joints, plus this
 STILL = 1e-12
 
 
@@ -34,7 +34,8 @@ class Brake:
     def at(self, since_s: Array) -> tuple[Array, Array]:
         """Return the time along the path (n,) and its rate at times (n,) since braking began.
 
-        Between two steps the rate is linear, so the time along the path is quadratic; else the arm would rattle.
+        Between two steps the rate is linear, so the time along the path is quadratic; a linear time would make the arm
+        rattle.
         """
         row = np.clip(np.searchsorted(self.times_s, since_s, side="right") - 1, 0, len(self.times_s) - 1)
         rate = np.interp(since_s, self.times_s, self.rate)
@@ -43,12 +44,12 @@ class Brake:
 
 
 def brake(trajectory: Trajectory, path_s: float, limits: MotionLimits, lower: Array, upper: Array) -> Brake:
-    """Return how to come to rest from a motion ``path_s`` after its start, as fast as the limits allow.
+    """Return how to come to rest from the time ``path_s`` of a motion, as fast as the limits allow.
 
-    The arm stays on the path because its time runs slower and slower: with ``s`` for the time along the path, every
-    joint accelerates by ``q' s'' + q'' s'^2``, which bounds ``s''`` from below; running on is always allowed. If a
-    joint that is already braking as hard as it can would delay the others for long, the joints stop independently, off
-    the path, if their ranges (joints,) from ``lower`` to ``upper`` allow it.
+    The arm stays on its path; only the time ``s`` along it slows down. Every joint accelerates by
+    ``q' s'' + q'' s'^2``, so its limits bound ``s''`` from below; ``s'' = 0`` is always allowed. If a joint that is
+    already braking as hard as it can would delay the others for long, the joints stop independently, off the path, if
+    their ranges (joints,) from ``lower`` to ``upper`` allow it.
     """
     on_path = _along_path(trajectory, path_s, limits)
     velocity = trajectory(path_s, 1)
@@ -65,9 +66,9 @@ def brake(trajectory: Trajectory, path_s: float, limits: MotionLimits, lower: Ar
 
 
 def _along_path(trajectory: Trajectory, path_s: float, limits: MotionLimits) -> Brake:
-    """Return the fastest slowing down of a trajectory's own time.
+    """Return the fastest braking on the path, by slowing down the trajectory's time.
 
-    If the arm has only just started, its time can be stopped within milliseconds; the steps are then that short.
+    An arm that has only just started can stop within milliseconds; the steps are then that short.
     """
     end_s = float(trajectory.times_s[-1])
     reach = HEADROOM * limits.acceleration
@@ -88,7 +89,7 @@ def _along_path(trajectory: Trajectory, path_s: float, limits: MotionLimits) -> 
 
 
 def _least_push(velocity: Array, acceleration: Array, reach: Array, rate: float) -> float:
-    """Return the least ``s''`` (at most 0) that keeps every joint's acceleration, over rows (k, joints)."""
+    """Return the least ``s''`` (at most 0) that keeps all acceleration limits at the rows (k, joints)."""
     carried = acceleration * rate * rate
     moves = np.abs(velocity) > STILL
     divisor = np.where(moves, velocity, 1.0)

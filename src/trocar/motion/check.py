@@ -21,7 +21,7 @@ from trocar.trajectory import Trajectory
 REACHED = 1e-6  # how far (rad, m, per second) a waypoint, start or rest may be missed, and a knot may jump
 TIP_KEPT = 1 + 1e-6  # a tip's speed limit counts as kept up to this factor: the speed is a difference quotient
 ROUNDED = 1e-9  # by how much a tolerance (m, rad) may be exceeded
-DISTANCE_M = 1e-5  # accuracy of the least distance: a planner that stops exactly at the limit keeps it
+DISTANCE_M = 1e-5  # a distance may fall short by this: a planner may stop exactly at the limit
 SHORT_M = 1e-6  # a piece whose ends are closer only rotates; the rotation then tells how much of it is done
 TIP_STEP_S = 0.02  # time between samples of the tip
 WIDTH = 1e-6  # half step (rad, m) of the difference quotient for the tip's speed
@@ -48,13 +48,13 @@ class Check:
 
 
 def check(problem: MotionProblem, paths: Mapping[str, TimedPath]) -> Check:
-    """Return which limits the paths, one for each arm of the problem, use, and which requirements they violate.
+    """Check the paths, one for each arm: what they use of the limits, and which requirements they violate.
 
-    Limits, ranges and straightness at 1 kHz and on both sides of all knots, distances by a bound that also
-    holds between samples.
+    Limits and ranges are checked at 1 kHz and on both sides of all knots, straightness at 1 kHz, the tip's speed and
+    facing at 50 Hz and at all knots, distances by a bound that also holds between samples.
 
     Raises:
-        TrocarError: the answer is malformed: no path of an arm, or one of another number of waypoints.
+        TrocarError: a path has the wrong number of joints or of waypoints, or does not start at 0.
     """
     _require_shape(problem, paths)
     use = {name: limit_use(arm.model, paths[name].trajectory, arm.limits) for name, arm in problem.arms.items()}
@@ -125,7 +125,7 @@ def _limits(name: str, arm: ArmMotion, use: LimitUse, range_slack: float) -> Ite
 
 
 def _straight(name: str, arm: ArmMotion, path: TimedPath, problem: MotionProblem) -> Iterator[Violation]:
-    """Yield which of the pieces that must be straight are not."""
+    """Yield violations of the pieces that must be straight."""
     for piece in np.flatnonzero(arm.straight).tolist():
         off_m, off_rad = line_deviation(arm, path, piece)
         if off_m > problem.straight_tolerance_m:
@@ -161,8 +161,8 @@ def _too_near(clearance: Clearance, min_distance_m: float) -> TooNear:
 def line_deviation(motion: ArmMotion, path: TimedPath, piece: int) -> tuple[float, float]:
     """Return how far the tip deviates from the line between two waypoints (m), and from the shortest turn (rad).
 
-    At 1 kHz. At each instant the projection of the tip on the line tells how much of the piece is done, and so how far
-    the tip should have turned. The piece lies between the waypoints of its index and the next.
+    Sampled at 1 kHz. The projection of the tip on the line tells how much of the piece is done, and so how far the tip
+    should have turned. Piece k lies between waypoints k and k + 1.
     """
     begin, end = fk(motion.model, motion.waypoints[piece]), fk(motion.model, motion.waypoints[piece + 1])
     tips = _tips(motion, path, piece)
@@ -181,8 +181,8 @@ def line_deviation(motion: ArmMotion, path: TimedPath, piece: int) -> tuple[floa
 def vertical_deviation_m(motion: ArmMotion, path: TimedPath) -> float:
     """Return how far the tip deviates from the verticals of a transfer, along ``up``, at 1 kHz.
 
-    From the one through its first waypoint while it lifts off, on the first piece; from the one through its last
-    waypoint while it lowers, on the last piece.
+    The first piece (lifting) is compared with the vertical through the first waypoint, the last piece (lowering) with
+    the vertical through the last waypoint.
     """
     deviations = []
     for piece, foot in ((0, 0), (len(motion.waypoints) - 2, -1)):

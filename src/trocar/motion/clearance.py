@@ -18,21 +18,21 @@ from trocar.motion.problem import MotionProblem
 from trocar.trajectory import Trajectory
 
 COARSE_S, COARSE = 0.04, 64  # longest interval between the first samples, and the most intervals for any span
-STRETCH = 8  # intervals in which a pair of capsules is examined together, or skipped if boxes show it to be far apart
-SPLIT = 8  # number of parts into which an interval that may hide something is cut
+STRETCH = 8  # intervals examined together for a pair of capsules, or skipped if its bounding boxes are far apart
+SPLIT = 8  # number of parts into which an interval is cut if it may hide a smaller distance
 MERGED_S = 1e-9  # samples closer than this count as one
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """How close moving things come to each other: the least distance lies between the two figures.
+    """How close moving things come: the least distance lies between ``distance_m`` and ``sampled_m``.
 
     Attributes:
-        distance_m: what the distance never falls below, between the samples too; infinite if nothing can meet,
-            below 0 if things may overlap.
+        distance_m: lower bound of the distance, also between the samples; infinite if nothing can meet, below 0 if
+            things may overlap.
         sampled_m: the least distance of all samples.
-        time_s: when that is.
-        between: the two parts it is between, as in ``("psm1 left finger", "table")``.
+        time_s: time of that sample.
+        between: the two closest parts, as in ``("psm1 left finger", "table")``.
         arms: names of the arms that these parts belong to.
     """
 
@@ -58,11 +58,11 @@ def swept_clearance(
 ) -> Clearance:
     """Return a guaranteed lower bound of the least distance between moving arms, and to what is in their way.
 
-    Each arm of ``arms`` against each other one, against the others and the obstacles; not the parts of one arm
-    against each other, nor the others among themselves.
+    Each arm of ``arms`` is compared with the other ones of them, with ``others`` and with ``obstacles``; parts of one
+    arm are not compared with each other, nor ``others`` among themselves.
 
-    Branch and bound over time: every pair of capsules has a lower bound of its distance in every interval
-    between two samples; an interval that may hide less than the samples show is cut into parts.
+    Branch and bound over time: every pair of capsules has a lower bound of its distance in every interval between two
+    samples. An interval that may hide a smaller distance than the samples show is cut into parts.
 
     >>> going = MovingArm(arm, trajectory, T_world_left)
     >>> waiting = MovingArm.resting(arm, q_now, T_world_right)
@@ -75,8 +75,8 @@ def swept_clearance(
         others: by name, on the same clock.
         obstacles: by name.
         span_s: from when to when; default: from the first start to the last end of them all.
-        enough_m: a larger distance need not be known more precisely.
-        too_near_m: nor a smaller one than this: one such sample ends the search.
+        enough_m: larger distances need not be known more precisely.
+        too_near_m: a sample with a smaller distance than this ends the search.
         resolution_m: how far the bound may lie below the samples, if these are less than ``enough_m``.
     """
     if not resolution_m > 0:
@@ -116,7 +116,7 @@ def swept_clearance(
 def clearance_of(
     problem: MotionProblem, motions: Sequence[Trajectory], resolution_m: float, too_near_m: float = -inf
 ) -> Clearance:
-    """Return how near the arms of a problem come to each other and to all else, until everything rests.
+    """Return how close the arms of a problem come to each other and to everything else, until all rest.
 
     The motions are those of the arms in order; if nothing else moves, they may be paths with any common timing.
     """
@@ -154,9 +154,10 @@ def _near(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], float]:
     """Return the pairs of capsules, and the stretches, in which they may be closer than ``enough_m``.
 
-    Within a stretch, a capsule stays in the box round its samples, widened by how much its path bends between them.
-    Samples (n,) with ends (n, bodies, 2, 3) of the capsules there, and (n - 1, bodies) bounds of the accelerations
-    between them, give (rows,) index of the pair, (rows,) index of the stretch, and how far apart all others are, m.
+    Within a stretch, a capsule stays in the bounding box of its samples, widened by how much its path may bend between
+    them. ``knots`` (n,) are the times of the samples, ``ends`` (n, bodies, 2, 3) those of the capsules there, ``bends``
+    (n - 1, bodies) bounds of the accelerations between them. The result is (rows,) index of the pair, (rows,) index of
+    the stretch, and a lower bound of the distance in all other rows, m.
     """
     where = _stretches(len(knots))
     hidden_m = bends * np.diff(knots)[:, None] ** 2 / 8
@@ -168,7 +169,7 @@ def _near(
     apart_m = np.sqrt(np.einsum("...i,...i->...", between, between))
     nearest = np.unravel_index(np.argmin(apart_m), apart_m.shape)
     kept = (apart_m < enough_m) | (apart_m <= 0.0)  # overlapping boxes give no bound
-    kept[nearest] = True  # to always have a sample
+    kept[nearest] = True  # so that there is always a sample
     stretch, pair = np.nonzero(kept)
     return pair, stretch, float(apart_m[~kept].min(initial=inf))
 
@@ -176,13 +177,14 @@ def _near(
 def _measured(bodies: Bodies, times: Array, ends: Array, pair: NDArray[np.intp], bend: Array) -> tuple[Array, Array]:
     """Return distances (rows, samples) of pairs of capsules, and lower bounds (rows, samples - 1) in between, m.
 
-    Take both capsules to move straight between two samples. The vector between any point of one and any point
-    of the other then changes by no more than that between some two of their ends: half of this is lost from
-    the mean of the distances. Or: projected on the direction of the shortest vector at one sample, nothing is nearer at
-    the other sample than some pair of ends. The better bound counts, minus the bend of the true paths.
+    Assume first that both capsules move straight between two samples. Then there are two bounds. First, the vector
+    between any two of their points changes by no more than the vector between some two of their ends; the mean of both
+    sampled distances minus half of this change is a bound. Second, along the direction of the shortest vector at one
+    sample, no two points are closer at the other sample than some pair of ends. The better bound is used, minus the
+    bend of the true paths.
 
-    Each row is about a pair (rows,) with times (rows, samples), ends (rows, samples, 2 capsules, 2 ends, 3) and bounds
-    of their accelerations, summed, (rows, samples - 1) or (rows, 1), m/s^2.
+    Each row is about a pair (rows,) with times (rows, samples), ends (rows, samples, 2 capsules, 2 ends, 3) and the sum
+    ``bend`` of both accelerations' bounds, (rows, samples - 1) or (rows, 1), m/s^2.
     """
     p, q, (a, b) = ends[:, :, 0], ends[:, :, 1], bodies.pairs[pair].T[..., None]
     radii = bodies.radii_m[a] + bodies.radii_m[b]

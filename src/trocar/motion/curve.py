@@ -25,7 +25,7 @@ class Curve:
     @staticmethod
     @lru_cache(maxsize=16)
     def even(pieces: int) -> Curve:
-        """Return the curve with knots at even steps; cached with what has been computed for it."""
+        """Return the curve with knots at even steps; cached, together with its matrices."""
         return Curve(np.linspace(0.0, 1.0, pieces + 1))
 
     @property
@@ -47,7 +47,7 @@ class Curve:
     def energy(self) -> Array:
         """Return the matrix (controls, controls) of the energy of an even curve.
 
-        The squared first and, with a weight, second derivative are integrated.
+        It integrates the squared first derivative and, with the weight ``BENDING``, the squared second one.
         """
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE)
         at = ((self.knots[:-1, None] + self.knots[1:, None]) / 2 + nodes / (2 * self.pieces)).ravel()

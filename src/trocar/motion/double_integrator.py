@@ -1,4 +1,4 @@
-"""Time-optimal motion of a double integrator, which each joint is: least times, phases, the bound that follows."""
+"""Time-optimal motion of joints as double integrators: least times, phases, and the bound that follows."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def shortest_to_rest_s(
 ) -> Array:
     """Return the least time from a moving start to rest at a distance of either sign, s.
 
-    If braking at once stops short of the goal, it goes on; if it overshoots or leads away, it comes back from rest.
+    If braking at once would stop short of the goal, the joint goes on first; if braking overshoots or leads away, the
+    joint comes back from rest.
     """
     d, v0, v, a = (np.asarray(x, dtype=np.float64) for x in (distance, start_velocity, velocity, acceleration))
     braking_s, stop = np.abs(v0) / a, v0 * np.abs(v0) / (2 * a)
@@ -85,10 +86,10 @@ def least_acceleration(
 
 
 def after_gap_s(distance: ArrayLike, v0: ArrayLike, v1: ArrayLike, acceleration: ArrayLike) -> Array:
-    """Return the time from which one joint can take any longer time; 0 if it can take any from its shortest on.
+    """Return the duration from which on one joint can take any time; 0 if it can take any from its shortest on.
 
-    Below lies the gap of ``least_acceleration``: too late to rush through, too early to brake, come back and go on.
-    Coming back it is no faster than at its faster end, so that the velocity limit does not matter.
+    Below it lies the gap of ``least_acceleration``: too slow to pass straight through, too short to brake, come back
+    and go on. Coming back, the joint is no faster than at its faster end, so the velocity limit does not matter.
     """
     d, a, b, push = (np.asarray(x, dtype=np.float64) for x in (distance, v0, v1, acceleration))
     sign = np.where(d >= 0, 1.0, -1.0)
@@ -139,9 +140,9 @@ def phases_to_rest(
 ) -> Phases:
     """Return the phases of a joint from a moving start to rest at a signed distance in exactly this time.
 
-    It uses as little acceleration as the time allows, and never passes its goal unless it cannot stop before it; then
+    The joint uses as little acceleration as the time allows, and passes its goal only if it cannot stop before it; then
     it brakes as hard as it may, to overshoot as little as possible, and comes back. Any time from
-    ``shortest_to_rest_s`` on will do.
+    ``shortest_to_rest_s`` on is possible.
     """
     if abs(start_velocity) <= STILL * velocity:
         start_velocity = 0.0
@@ -160,10 +161,10 @@ def phases_to_rest(
 
 
 def _ahead(d: float, v0: float, seconds: float, velocity: float, acceleration: float) -> Phases:
-    """Return speeding up, cruising at the limit if need be, and braking, with the least acceleration.
+    """Return phases that speed up, cruise at the limit if need be, and brake, with the least acceleration a.
 
-    Up to the peak ``(a T + v0) / 2`` and down from it covers d if ``T^2 a^2 + (2 T v0 - 4 d) a = v0^2``; with a
-    cruise at the limit V instead, ``d = V T - (V^2 - V v0 + v0^2 / 2) / a``.
+    Speeding up to the peak ``(a T + v0) / 2`` and braking covers d if ``T^2 a^2 + (2 T v0 - 4 d) a = v0^2``; with a
+    cruise at the limit V, ``d = V T - (V^2 - V v0 + v0^2 / 2) / a``.
     """
     if seconds <= APART_S or (v0 == 0 and d <= NO_WAY):
         return [(max(0.0, seconds), 0.0)]
@@ -212,8 +213,7 @@ def duration_bound_s(waypoints: ArrayLike, limits: MotionLimits, start_velocity:
     must stop, at the waypoint or beyond; elsewhere, a waypoint costs nothing. So its least time is the sum of
     rest-to-rest times over the monotone runs, exactly, and no motion of all joints beats the slowest one. A joint with
     a moving start first reverses where its run ends, or at the earliest point where it can stop, if that is further.
-    The bound ignores that the joints pass a waypoint together, the path between waypoints, jerk, and whatever is in the
-    way.
+    The bound ignores that the joints pass a waypoint together, the path between waypoints, jerk, and obstacles.
 
     >>> plan = plan_through(arm, waypoints, limits)
     >>> duration_bound_s(waypoints, limits) == plan.bound_s < plan.duration_s

@@ -1,4 +1,4 @@
-"""Motions that follow a goal which is given anew each period, within limits."""
+"""Motions within limits that follow a goal given anew each period."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ def step_towards(
 ) -> Trajectory:
     """Return a motion that follows a goal for a period, as near as the limits allow, and comes to rest after that.
 
-    A goal that itself keeps the limits is followed, as the quadratic B-spline of its periods does: exactly where it is
-    at rest or its speed is constant, and half a period late. One that jumps, or was not heard of for a while, is caught
-    up with as fast as can be without overshoot. The motion's end takes place only if no other takes over: a stream that
-    breaks off ends within limits.
+    If the goal itself keeps the limits, the motion is the quadratic B-spline with the goals as control points: half a
+    period late, and exact where the goal rests or moves at constant speed. If the goal jumps, or was not updated for a
+    while, the motion catches up as fast as possible without overshoot. The braking at the end is played only if no
+    other motion takes over, so a stream that breaks off ends within limits.
 
     Args:
-        goal: (joints,) a period from now.
-        goal_velocity: (joints,) with which it moves during the period.
-        q: (joints,) now.
-        velocity: (joints,) now.
+        goal: (joints,) goal a period from now.
+        goal_velocity: (joints,) velocity of the goal during the period.
+        q: (joints,) position now.
+        velocity: (joints,) velocity now.
         limits: of the arm.
-        period_s: until another motion takes over.
+        period_s: time until another motion takes over.
     """
     change = limits.acceleration * period_s
-    point = q + velocity * period_s / 2  # of the B-spline
+    point = q + velocity * period_s / 2  # control point of the B-spline
     off = goal - (point + goal_velocity * period_s)
-    # both would stop at the same place, braking as hard as the limits allow: so nothing is overshot if the goal does
+    # from the wanted speed, hardest braking ends where that of the goal would end: a goal that stops is not overshot
     wanted = _speed_over(off + _stopped_after(goal_velocity, change, period_s), change, period_s)
     after = np.clip(np.clip(wanted, velocity - change, velocity + change), -limits.velocity, limits.velocity)
     stop_s = max(float((np.abs(after) / limits.acceleration).max()), period_s)
@@ -41,14 +41,14 @@ def step_towards(
 
 
 def _stopped_after(velocity: Array, change: Array, period_s: float) -> Array:
-    """Return how far (joints,) whole periods at speeds v, v - change, v - 2 change ... lead, until they are at rest."""
+    """Return the distance (joints,) of whole periods at speeds v, v - change, v - 2 change, ... until rest."""
     steps = np.abs(velocity) / change
     n = np.floor(steps)
     return np.sign(velocity) * change * period_s * (n + 1) * (steps - n / 2)
 
 
 def _speed_over(distance: Array, change: Array, period_s: float) -> Array:
-    """Return the speed (joints,) that is at rest after this distance: the inverse of ``_stopped_after``."""
+    """Return the speed (joints,) from which braking covers this distance: the inverse of ``_stopped_after``."""
     share = np.abs(distance) / (change * period_s)
     n = np.floor((np.sqrt(1 + 8 * share) - 1) / 2)
     return np.sign(distance) * change * (share / (n + 1) + n / 2)

@@ -12,7 +12,7 @@ from trocar.files.csv_file import TIMES, read_csv
 from trocar.geometry.arrays import Array
 from trocar.motion.analysis import SHORTEST
 
-OFF_GRID = 0.3  # a step may differ from the usual one by this share; if it is a multiple of it, samples are missing
+OFF_GRID = 0.3  # a step may differ by this share from the median step, or from a multiple of it if samples are missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class JointTable:
     step_s: float  # between samples
 
     def columns(self, names: list[str], path: str | Path) -> Array:
-        """Return the values (n, len(names)) of these columns; one that the file at this path lacks is refused."""
+        """Return the values (n, len(names)) of these columns (BadFile, which names ``path``: one is missing)."""
         missing = [name for name in names if name not in self.names]
         if missing:
             problem = f"has no column {missing[0]!r}; it has {', '.join(self.names)}"

@@ -1,4 +1,4 @@
-"""Whether a trajectory keeps its limits. Checked between the knots too, where splines overshoot."""
+"""How much of its limits a trajectory uses, also between the knots, where splines overshoot."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     (True, 1.0)
 
     Args:
-        arm: whose ranges.
+        arm: gives the joints' ranges.
         trajectory: of the arm's joints.
-        limits: bounds of velocity and acceleration, and of jerk where it has one.
+        limits: bounds of velocity and acceleration, and optionally of jerk.
     """
     times, joints = trajectory.times_s, trajectory.coefficients.shape[2]
     if not joints == len(arm.joints) == len(limits.velocity):
@@ -81,6 +81,7 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
     at_knots = _derivatives(trajectory, piece, since, orders)
     grid = np.arange(times[0], times[-1], CHECK_STEP_S)
     found = np.minimum(np.searchsorted(times, grid, side="right") - 1, pieces[-1])  # arange may reach the end
+    # samples are needed only on pieces whose extremes may lie between the knots
     inside = np.logical_or.reduce([_beyond(trajectory, k, at) for k, at in zip(orders, at_knots, strict=True)])[found]
     between = _derivatives(trajectory, found[inside], (grid - times[found])[inside], orders)
     q, v, a, *jerks = (np.concatenate(both, axis=1) for both in zip(between, at_knots, strict=True))
@@ -94,7 +95,7 @@ def limit_use(arm: ArmModel, trajectory: Trajectory, limits: MotionLimits) -> Li
 
 
 def require_range(arm: ArmModel, use: LimitUse) -> None:
-    """Raise if a joint leaves its range anywhere on the trajectory that was measured."""
+    """Raise OutOfReach if a joint leaves its range anywhere on the trajectory that ``use`` describes."""
     for joint, excess in zip(arm.joints, use.range_excess, strict=True):
         if excess > 0.0:
             sentence = (
@@ -113,9 +114,9 @@ def knot_jumps(trajectory: Trajectory, order: int) -> Array:
 
 
 def hulls(trajectory: Trajectory, order: int) -> Array:
-    """Return values (k, pieces, joints) between whose extremes the derivative stays on each piece, ends included.
+    """Return values (k, pieces, joints) whose least and greatest bound the derivative on each piece, ends included.
 
-    They are the coefficients of Bernstein's polynomials: a polynomial lies in their hull.
+    They are its Bernstein coefficients: a polynomial lies in their hull.
     """
     degree = max(0, len(trajectory.coefficients) - 1 - order)
     h = np.diff(trajectory.times_s)[:, None]

@@ -47,10 +47,10 @@ def rest_to_rest(q0: ArrayLike, q1: ArrayLike, limits: MotionLimits) -> Trajecto
 def move_to(q: ArrayLike, velocity: ArrayLike, q_goal: ArrayLike, limits: MotionLimits) -> Trajectory:
     """Return a short motion from a moving start to rest at the goal: to replace a running motion.
 
-    From rest, or moving along the straight line in joint space to the goal (or away from it), it keeps to that
-    line and takes the least time on it: from rest it is ``rest_to_rest``. Otherwise every joint takes its own path in
-    the time that the slowest one needs, which no motion beats, with no more acceleration than that asks for.
-    A joint overshoots its goal only if it cannot stop before it.
+    If the arm rests, or moves along the straight line in joint space to the goal (or away from it), the motion stays on
+    that line and takes the least time on it; from rest it is ``rest_to_rest``. Otherwise each joint moves on its own,
+    in the time that the slowest one needs, which no motion beats, and with the least acceleration for that time. A
+    joint overshoots its goal only if it cannot stop before it.
 
     >>> going = rest_to_rest(arm.middle, arm.middle + 0.05, limits)
     >>> back = move_to(going(0.3), going(0.3, 1), arm.middle, limits)
@@ -114,7 +114,7 @@ def _step(start: Array, end: Array) -> Array:
 
 
 def _along(step: Array, limits: MotionLimits) -> tuple[float, float]:
-    """Return the greatest rate, and rate of change, of the share of a step (joints,) that is done."""
+    """Return the limits of the first and second time derivative of the share of a step (joints,) that is done."""
     used = step != 0
     share = np.abs(step[used])
     return float(np.min(limits.velocity[used] / share)), float(np.min(limits.acceleration[used] / share))

@@ -1,4 +1,4 @@
-"""The time-optimal motion with straight pieces at its ends and a free one between."""
+"""The planner ``optimal``: time-optimal motions of straight and free pieces."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from trocar.trajectory import Trajectory
 RATES = 16  # number of passing speeds tried at each end of the free piece
 FINE, ZOOMS = 9, 2  # number of speeds tried round the best one, and how often this is repeated
 HEADROOM = 1e-6  # share of the acceleration limits kept in reserve for what lies between two knots of a straight piece
-SAG_M, SAG_SAMPLES = 1e-5, 40  # between straight pieces, the tip sinks no lower than this below both ends, at samples
-TIGHTER = 4  # maximum number of times that a motion is replanned, with less acceleration by the excess before
+SAG_M, SAG_SAMPLES = 1e-5, 40  # between straight pieces, the tip may sink this far below both ends; number of samples
+TIGHTER = 4  # maximum number of times that a motion is replanned with less acceleration, by its last excess
 PARALLEL = 1e-3  # sine of the angle, and rotation in rad, up to which a piece counts as being along ``up``
 # The same if the wrist is still, so that the tip rotates: twice the .13 rad of a 26 mm lift, 200 mm from the centre.
 NEARLY = 0.25
@@ -33,18 +33,17 @@ NEARLY = 0.25
 def optimal(problem: MotionProblem) -> dict[str, TimedPath]:
     """Return the time-optimal motion of each arm that follows its straight pieces exactly, planned separately.
 
-    A straight piece is left, or entered, along its direction at a speed chosen by the planner; between two of them
-    every joint takes its own path from one velocity to the other in the time that the slowest one needs. Given the
-    speeds, all of this is in closed form or takes one pass over the line; the speeds, two in a transfer, are searched
-    for on a grid that is refined round the best ones. Consecutive free pieces meet at rest, and so do consecutive
-    straight ones.
+    A straight piece is left, or entered, along its direction at a speed that the planner chooses. On a free piece every
+    joint moves independently from one velocity to the other, in the time that the slowest one needs. Given the speeds,
+    all of this is in closed form or takes one pass over the line. The speeds, two in a transfer, are searched for on a
+    grid that is refined round the best ones. Consecutive free pieces meet at rest, and so do consecutive straight ones.
 
-    If a problem does not say which pieces are straight, the first and the last of three or more waypoints are, if they
-    lie along ``up``, or nearly so if the wrist is to be still: a block is lifted off its peg and lowered onto another.
+    If a problem does not say which pieces are straight, the first and the last of several are, if they lie along
+    ``up``, or nearly so with ``fixed_wrist``: a block is lifted off its peg and lowered onto another.
 
     A free piece next to one along ``up`` never sags below its lower end, so whatever is cleared at the waypoints is
-    cleared between them. If independent joints would sag (a wide transfer after a low lift), that piece is straight
-    too. A moving start may lead below it by itself; then nothing is guaranteed.
+    cleared between them. If independent joints would sag (a wide transfer after a low lift), the free piece is replaced
+    by a straight one. Nothing is guaranteed for a moving start, which may itself lead below.
     """
     return {name: _planned(arm) for name, arm in problem.arms.items()}
 
@@ -98,7 +97,7 @@ class _Stage:
         return [*lift, joined(self.free[0], v0, phases, seconds), *lower]
 
     def _best_rates(self) -> tuple[float, float]:
-        """Return the rates ds/dt at which the straight pieces before and after are left and come to; 0: none."""
+        """Return the rates ds/dt at which the piece before is left and the one after is entered; 0: no piece."""
         ends = [_End.of(line) for line in (self.lift, self.lower)]
         step = self.free[1] - self.free[0]
         grids = [end.first_grid() for end in ends]
@@ -117,9 +116,10 @@ class _Stage:
 
 @dataclass(frozen=True, eq=False)
 class _End:
-    """What a straight piece costs, by the rate at its end; without a piece there is one rate, 0, and it costs nothing.
+    """The duration of a straight piece by the rate at its end; without a piece, the only rate is 0 and takes no time.
 
-    The greatest rate, the slope (joints,) by which a rate becomes velocities, and a function of rates: the seconds.
+    Its fields are the greatest rate, the slope (joints,) that turns rates into velocities, and a function from rates to
+    durations, s.
     """
 
     top: float
@@ -138,7 +138,7 @@ class _End:
         return np.linspace(0.0, self.top, RATES) if self.top else np.zeros(1)
 
     def finer(self, grid: Array, place: int) -> Array:
-        """Return rates round one of a grid, to its neighbours."""
+        """Return a finer grid of rates round one of a grid, up to its neighbours."""
         if len(grid) == 1:
             return grid
         return np.linspace(grid[max(0, place - 1)], grid[min(len(grid) - 1, place + 1)], FINE)
@@ -202,9 +202,9 @@ def _joined(arm: ArmMotion, straight: tuple[bool, ...], limits: MotionLimits) ->
 
 
 def straight_pieces(arm: ArmMotion) -> tuple[bool, ...]:
-    """Return for each piece whether it is straight: as declared, or if nothing is declared, as it appears.
+    """Return for each piece whether it is straight, as declared.
 
-    Then the first and the last of several are, if they lie along ``up`` without a turn.
+    If nothing is declared, the first and the last of several are straight if they lie along ``up`` without a turn.
     """
     count = len(arm.waypoints) - 1
     if any(arm.straight) or count == 1:

@@ -1,4 +1,4 @@
-"""A planner's answer, checked: the plan."""
+"""Motion plans: answers of planners, checked."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ NO_CLEARANCE = Clearance(inf, inf, 0.0, ("", ""))
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionPlan:
-    """What a planner returned, and the result of the check.
+    """The answer of a planner, and the result of the check.
 
     Attributes:
-        planner: its name.
+        planner: name of the planner.
         paths: by arm, as the planner returned them; kept even if the check rejects them, for inspection.
         bound_s: no motion through the same waypoints is shorter (``duration_bound_s``).
         compute_ms: time that planner and check took.
         use: by arm, what the paths use of the limits.
-        clearance: how near arms and obstacles come; no more precise than needed to tell whether the least distance is
+        clearance: how close arms and obstacles come; only as precise as needed to decide whether the least distance is
             kept.
         violations: the requirements that are violated.
         refusal: why there is no valid plan, as a typed error; None if there is one.
@@ -81,7 +81,7 @@ class MotionPlan:
 
     @property
     def trajectories(self) -> Mapping[str, Trajectory]:
-        """Return the valid motion of every arm, which start together; or raise the plan's refusal."""
+        """Return the valid motions of all arms, which start together; or raise the plan's refusal."""
         if self.refusal is not None:
             raise self.refusal
         return {name: path.trajectory for name, path in self.paths.items()}
@@ -110,12 +110,12 @@ def plan_motion(problem: MotionProblem, planner: str | Planner = "spline") -> Mo
     >>> q = motion(0.5)  # (6,) joints after half a second
 
     Args:
-        problem: what is asked.
+        problem: the problem.
         planner: name in ``PLANNERS``, or a planner.
 
     Raises:
-        TrocarError: an unknown planner, or a malformed answer. If there is no motion, none is needed, or none meets
-            the requirements, the result is a plan that is not ``found``; its ``refusal`` tells why by its type.
+        TrocarError: an unknown planner, or a malformed answer. Other failures do not raise: if there is no motion, none
+            is needed, or none meets the requirements, the plan is not ``found``, and its ``refusal`` tells why.
     """
     solve = PLANNERS.pick(planner) if isinstance(planner, str) else planner
     name = planner if isinstance(planner, str) else getattr(planner, "__name__", type(planner).__name__)
@@ -162,10 +162,10 @@ def plan_through(
         waypoints: (n, 6) joints with n >= 2, rad and m.
         limits: bounds of velocity and acceleration.
         up: (3,) direction in the arm's base along which inner waypoints are passed.
-        fixed_wrist: whether the wrist's joints rest there; else the tip does not turn.
+        fixed_wrist: whether the wrist joints stand still there; else the tip does not turn.
         start_velocity: (6,) at the first waypoint; None: at rest.
         planner: name in ``PLANNERS``, or a planner.
-        range_slack: share of each joint's range by which it may be left.
+        range_slack: share of its range by which a joint may exceed it.
     """
     points = numbers("the waypoints", waypoints, "n", len(model.joints))
     start = finite("the start velocity", np.zeros(6) if start_velocity is None else start_velocity, 6)
@@ -175,7 +175,7 @@ def plan_through(
 
 
 def _answered(name: str, problem: MotionProblem, paths: object) -> dict[str, TimedPath]:
-    """Return a planner's answer, or raise a sentence that names the planner and says what is wrong with it."""
+    """Return a planner's answer (InvalidInput, which names the planner: the answer is malformed)."""
     who = f"planner '{name}'"
     if not (isinstance(paths, Mapping) and all(isinstance(path, TimedPath) for path in paths.values())):
         raise InvalidInput(who, f"returned {paths!r:.80}", "it must return a TimedPath for each arm by name")

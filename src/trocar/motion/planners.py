@@ -1,4 +1,4 @@
-"""What a planner is: a function from a problem to paths, by name; built in, from packages, or from a user's file."""
+"""Planners: functions from a problem to paths, by name; built in, from packages, or from a user's file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TimedPath:
 
     @classmethod
     def joined(cls, moves: Sequence[Trajectory]) -> TimedPath:
-        """Return the moves one after the other, each of which ends at the next waypoint.
+        """Return the path of consecutive moves, each of which ends at the next waypoint.
 
         >>> path = TimedPath.joined([rest_to_rest(a, b, limits) for a, b in pairwise(waypoints)])
         """
@@ -84,7 +84,7 @@ P = TypeVar("P", bound=Planner)
 
 
 def ignores(*demands: Demand) -> Callable[[P], P]:
-    """Declare which demands a planner ignores, to be reported where that matters.
+    """Declare which demands a planner ignores; a refusal names those that its motion violates.
 
     >>> @ignores(Demand.STRAIGHT, Demand.DISTANCES)
     ... def stop_and_go(problem): ...

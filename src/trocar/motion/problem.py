@@ -1,4 +1,4 @@
-"""A motion planning problem: what each arm is asked to do, and what they keep clear of, on one clock."""
+"""A motion planning problem: what each arm must do, and what the arms must keep clear of, on one clock."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Facing:
         object.__setattr__(self, "axis", direction(self.axis, "the axis that faces a point"))
 
     def angle_rad(self, T_world_tip: SE3) -> Array:
-        """Return the angle (...,) by which poses (...,) of the tip face away."""
+        """Return the angle (...,) between the axis and the direction to the point, for poses (...,) of the tip."""
         axis = T_world_tip.matrix[..., :3, :3] @ self.axis
         way = self.towards_m - T_world_tip.matrix[..., :3, 3]
         way /= np.linalg.norm(way, axis=-1, keepdims=True)
@@ -67,17 +67,17 @@ class ArmMotion:
         T_world_base: pose of its base; needed if arms or obstacles can meet.
         up: (3,) direction in its base, of any length, along which the tip passes the waypoints between the first
             and the last without turning; a unit vector afterwards. Planners that stop there may ignore it.
-        fixed_wrist: whether the wrist's joints rest when it passes these waypoints, so that the tip turns a little;
-            planners that keep the tip on a straight line turn the wrist by milliradians.
+        fixed_wrist: whether the wrist joints stand still while the arm passes these waypoints, so that the tip turns a
+            little. Planners that keep the tip on a straight line still turn the wrist by milliradians.
         straight: for each piece between two waypoints, whether the tip keeps to the straight line between
             them, turning as little as possible; empty: nowhere.
-        start_velocity: (6,) of the joints at the first waypoint, per second; 0 at rest. A motion that replaces
-            another one under way starts moving.
-        T_base_goals: batch (m,) of poses of the tip in its base, to go through after the waypoints. Before the
-            planner is asked they become waypoints, by the inverse kinematics nearest to the one before.
+        start_velocity: (6,) of the joints at the first waypoint, per second: 0 at rest, another value to replace a
+            running motion.
+        T_base_goals: batch (m,) of poses of the tip in its base, to go through after the waypoints. Before planning
+            they become waypoints: the inverse kinematics nearest to the previous waypoint.
         jaw_rad: opening between its fingers.
         max_tip_m_s: greatest speed of the tip, m/s.
-        facing: what the tip must keep turned towards a point, the marks that a camera sees; None: nothing.
+        facing: axis of the tip that must stay turned towards a point, such as marks towards a camera; None: none.
     """
 
     model: ArmModel
@@ -128,11 +128,11 @@ class ArmMotion:
 
     @property
     def moves(self) -> bool:
-        """Return whether it is moving at the start."""
+        """Return whether the arm is moving at the start."""
         return bool(self.start_velocity.any())
 
     def resolved(self) -> ArmMotion:
-        """Return the same with its goals as waypoints, or raise OutOfReach, or AlreadyThere where two coincide."""
+        """Return the motion with its goals turned into waypoints (OutOfReach; AlreadyThere: two coincide)."""
         if self.T_base_goals is None:
             return self
         points = list(self.waypoints)
@@ -192,14 +192,14 @@ class MotionProblem:
 
     Attributes:
         arms: what each arm is asked to do, by name.
-        others: arms that are not planned, by name: they rest or follow a known trajectory. Their clock starts with
-            the plan's, so that one that is already running has a ``start_s`` below 0.
+        others: arms that are not planned, by name: they rest or follow a known trajectory. Time 0 is the start of the
+            plan, so an arm that is already moving has a ``start_s`` below 0.
         obstacles: fixed things in the world, by name.
-        min_distance_m: to keep between the parts of different arms, and to obstacles.
-        range_slack: share of each joint's range by which it may be left, for recordings of arms whose real
-            range is wider than the nominal one.
+        min_distance_m: distance to keep between the parts of different arms, and to obstacles.
+        range_slack: share of its range by which a joint may exceed it, for recordings of arms whose real range is
+            wider than the nominal one.
         straight_tolerance_m: how far the tip may be off a straight piece.
-        straight_tolerance_rad: how far it may be turned there from the shortest turn between its ends.
+        straight_tolerance_rad: how far its rotation there may differ from the shortest one between the piece's ends.
     """
 
     arms: Mapping[str, ArmMotion]
@@ -245,7 +245,7 @@ class MotionProblem:
         return f"<MotionProblem {'; '.join(parts)}>"
 
     def resolved(self) -> MotionProblem:
-        """Return the same with all goals as waypoints, as planners get it; its errors name the arm."""
+        """Return the problem with all goals turned into waypoints, as planners get it; errors name the arm."""
         arms = {}
         for name, arm in self.arms.items():
             try:

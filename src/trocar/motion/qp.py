@@ -1,4 +1,4 @@
-"""Quadratic programs, assembled from a cost and named constraints: the one place that knows the solver, PIQP."""
+"""Quadratic programs, assembled from a cost and named constraints; only this module uses the solver, PIQP."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FREE = 1e32  # a bound that PIQP treats as infinite
 
 @dataclass(eq=False)
 class Program:
-    """The x (n,) of least ``x hessian x / 2 + linear x`` that keeps all constraints.
+    """A quadratic program: minimise ``x hessian x / 2 + linear x`` over x (n,), within all constraints.
 
     >>> program = Program("two shares", np.eye(2), np.array([-1.0, -3.0]), lower=0.0, upper=2.5)
     >>> program.least().round(3)
@@ -36,20 +36,20 @@ class Program:
     constraints: dict[str, tuple[Any, Array, Array]] = field(default_factory=dict, init=False)
 
     def keep(self, what: str, rows: Any, low: ArrayLike, high: ArrayLike, rest: ArrayLike = 0.0) -> None:
-        """Add the constraint ``low <= rows x + rest <= high``; where both bounds are equal, it is an equation.
+        """Add the constraint ``low <= rows x + rest <= high``, an equation where both bounds are equal.
 
         Args:
             what: the constraint's name.
             rows: (k, n), sparse.
-            low: one or (k,); ``-FREE``: none.
-            high: one or (k,); ``FREE``: none.
-            rest: one or (k,).
+            low: a number or (k,); ``-FREE``: no bound.
+            high: a number or (k,); ``FREE``: no bound.
+            rest: a number or (k,).
         """
         low, high = (np.broadcast_to(np.subtract(bound, rest), rows.shape[0]) for bound in (low, high))
         self.constraints[what] = (rows, low, high)
 
     def least(self) -> Array:
-        """Return the solution (n,), or raise NoPlan: the constraints that it names contradict, or the solver quits."""
+        """Return the solution (n,) (NoPlan: the constraints contradict each other, or the solver gives up)."""
         dense, size = isinstance(self.hessian, np.ndarray), len(self.linear)
         solver: Any = piqp.DenseSolver() if dense else piqp.SparseSolver()
         solver.settings.eps_abs, solver.settings.eps_rel = self.precision, self.relative

@@ -41,7 +41,7 @@ PRECISION, ITERATIONS = 1e-7, 60  # of the solver: a solution takes 15 to 30; ti
 
 @ignores(Demand.DISTANCES, Demand.TIP_SPEED, Demand.FACING)
 def sqp(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return the smoothest motion over the shortest horizon that has one, of each arm, planned separately.
+    """Return each arm's smoothest motion over its shortest feasible horizon, planned separately.
 
     Hwang et al. 2022, section IV-D. For a horizon, the sum of the squared jerks is minimised within the limits of
     range, velocity, acceleration and, if given, jerk; all waypoints are passed, and on straight pieces the tip stays in
@@ -70,7 +70,7 @@ class HeldSpline:
     last: Array  # (b, joints) those at its end
 
     def rows(self, basis: Array, gradient: Array, slack: float = 0.0) -> tuple[sparse.csr_matrix, Array]:
-        """Return rows and constants (k,) of ``gradient (k, joints) . q + slack times the slack`` where a basis is."""
+        """Return rows and constants (k,) of ``gradient . q + slack * s`` at a basis (k, controls), s the slack."""
         free = basis[:, len(self.first) : len(self.first) + self.free]
         moved = (gradient[:, :, None] * free[:, None, :]).reshape(len(basis), gradient.shape[1] * self.free)
         matrix = sparse.csr_matrix(np.column_stack([moved, np.full(len(basis), slack)]))
@@ -134,7 +134,7 @@ class _Refinement:
         return found
 
     def _halved(self, found: TimedPath, least_s: Array, most_s: Array) -> TimedPath:
-        """Return the motion over the shortest horizon between two, the longer of which has a solution."""
+        """Bisect between two horizons, the longer of which has the solution ``found``; return the shortest solution."""
         while (most_s - least_s).sum() > SAMPLE_S:
             middle_s = (most_s + least_s) / 2
             shorter = self.over(middle_s, found)
@@ -165,7 +165,7 @@ class _Refinement:
         return all(off_m <= tolerances[0] and off_rad <= tolerances[1] for off_m, off_rad in strays)
 
     def _smoothest(self, pieces_s: Array, path: TimedPath) -> tuple[TimedPath, float]:
-        """Return the solution of the program linearised about a motion, and its slack in channel widths, or raise."""
+        """Return the solution linearised about a motion, and its slack in channel widths (NoPlan: it has none)."""
         times_s = np.concatenate([[0.0], np.cumsum(pieces_s)])
         spline, seconds = self._spline(times_s), float(times_s[-1])
         curve = spline.curve
@@ -236,7 +236,7 @@ class _Refinement:
         rows, rest = spline.rows(np.tile(basis, (2 * len(width), 1)), both, slack=-1.0)
         room = 1.0 - np.stack([offsets, -offsets]).transpose(2, 0, 1).ravel()
         program.keep(f"channel {piece}", rows, -FREE, room, rest)
-        along = line @ slopes[:, :3]
+        along = line @ slopes[:, :3]  # the tip stays between the ends of the line
         before = gone @ line - np.einsum("kj,kj->k", along, q)
         rows, rest = spline.rows(basis, along)
         program.keep(f"line {piece}", rows, -before, float(line @ line) - before, rest)

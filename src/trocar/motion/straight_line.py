@@ -18,10 +18,10 @@ from trocar.motion.moves import HOLD_S, trapezoid
 from trocar.trajectory import Trajectory
 
 NEWTON_STEPS = 12
-KNOTS = 16  # in each phase of a plain straight move; the tip then stays within 1 um of a line of 40 mm
-REACHED = 1e-11  # accuracy of the tip's pose on it, m and rad
-PIECES = 16  # of a line that is followed time-optimally; the tip then stays within 1 um of a line of 40 mm
-LINE_REACHED = 1e-8  # accuracy of the tip's pose on that one
+KNOTS = 16  # in each phase of a move by ``straight``; the tip then stays within 1 um of a line of 40 mm
+REACHED = 1e-11  # accuracy of the tip's pose on such a move, m and rad
+PIECES = 16  # of a ``StraightLine``, followed time-optimally; the tip then stays within 1 um of a line of 40 mm
+LINE_REACHED = 1e-8  # accuracy of the tip's pose on a ``StraightLine``, m and rad
 TRAP = 1e-2  # share of the limits by which a simple pass may exceed them before it is redone with a look-ahead
 TINY = 1e-12  # joints that move less over a line (rad or m) count as not moving
 
@@ -98,7 +98,7 @@ def _solve(arm: ArmModel, q: Array, twists: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class StraightLine:
-    """Joints along a straight line of the tip, rotating as little as possible, by the share s that is done."""
+    """Joints as a function of the share s done of a straight line of the tip, which turns as little as possible."""
 
     q: Array  # (PIECES + 1, joints) at equal steps of s from 0 to 1
     slope: Array  # dq/ds there
@@ -143,8 +143,8 @@ class StraightLine:
     def top_squares(self) -> Array:
         """Return the greatest squares (PIECES + 1,) of ds/dt within the limits.
 
-        Velocity limits bound it, and so do acceleration limits: where the joints bend, each pair of them allows some
-        change of the rate only up to a certain speed (the maximum velocity curve of Bobrow et al. 1985).
+        Velocity limits bound the rate, and so do acceleration limits: where the joints curve, two of them allow a
+        common change of the rate only up to a certain speed (the maximum velocity curve of Bobrow et al. 1985).
         """
         cruising = np.min(self.limits.velocity / np.maximum(np.abs(self.slope), TINY), axis=1) ** 2
         factor = np.where(np.abs(self.slope) < TINY, TINY, self.slope)
@@ -156,9 +156,9 @@ class StraightLine:
     def stoppable_squares(self) -> Array:
         """Return the greatest squares (PIECES + 1,) of ds/dt from which the end can be reached within the limits.
 
-        Backwards from the end: with u the change of the rate on a piece, the square x at its start is the greatest that
-        some u allows. All bounds on u are linear in x, so the greatest x lies where two of them meet (Pham & Pham 2018,
-        "A new approach to time-optimal path parameterization based on reachability analysis").
+        Computed backwards from the end: on each piece, the square x at its start is the greatest for which some change
+        u of the rate is allowed. All bounds on u are linear in x, so the greatest x lies where two of them meet (Pham &
+        Pham 2018, "A new approach to time-optimal path parameterization based on reachability analysis").
         """
         step = 1.0 / PIECES
         share, room = (rows[..., 0] for rows in self._rows_ahead)
@@ -187,7 +187,7 @@ class StraightLine:
         return bool(np.all(np.abs(push + share[:-1] * squares[:-1, None]) <= (1 + TRAP) * room[:-1]))
 
     def _sped_up(self, most: Array) -> Array:
-        """Return the squares by speeding up as much as possible from rest, each no greater than these."""
+        """Return the squares when speeding up from rest as much as possible, none above ``most`` (PIECES + 1,)."""
         step = 1.0 / PIECES
         share, room = (rows[..., 0] for rows in self._rows_ahead)
         squares = np.zeros(PIECES + 1)
@@ -208,10 +208,10 @@ class StraightLine:
 
 @dataclass(frozen=True, eq=False)
 class Sprint:
-    """A straight line followed from rest as fast as the limits allow, to several rates at its end.
+    """A straight line followed from rest as fast as the limits allow, once for each of several rates at its end.
 
-    Along a piece the change of the rate is constant, so that its square is linear in s; the limits of acceleration are
-    kept at both ends of each piece (time-optimal path parameterisation, Bobrow et al. 1985).
+    On each piece d2s/dt2 is constant, so the square of ds/dt is linear in s. The acceleration limits are kept at both
+    ends of each piece (time-optimal path parameterisation, Bobrow et al. 1985).
     """
 
     line: StraightLine  # what is followed
@@ -235,7 +235,7 @@ class Sprint:
         return cls(line, roots[-1], squares, (2 / PIECES / (roots[:-1] + roots[1:])).sum(axis=0))
 
     def trajectory(self, *, backwards: bool = False) -> Trajectory:
-        """Return the motion that ends at the first rate; backwards it starts there, at the line's end, and rests."""
+        """Return the motion from rest up to the first rate; ``backwards``: from there back to rest at the start."""
         line, square = self.line, self.squares[:, 0]
         rate, push = np.sqrt(square), np.diff(square)[:, None] * PIECES / 2
         seconds = 2 / PIECES / (rate[:-1] + rate[1:])
@@ -249,7 +249,7 @@ class Sprint:
 
 
 def _slowed_down(line: StraightLine, rates: Array, most: Array) -> Array:
-    """Return the squares (PIECES + 1, k) of ds/dt that end at these rates, as fast before as braking still allows."""
+    """Return the squares (PIECES + 1, k) of ds/dt that end at these rates; before, as great as braking allows."""
     step, fastest = 1.0 / PIECES, line.fastest_squares
     squares = np.empty((PIECES + 1, len(rates)))
     squares[-1] = np.minimum(rates**2, fastest[-1])
@@ -263,7 +263,7 @@ def _slowed_down(line: StraightLine, rates: Array, most: Array) -> Array:
 def quintics(times_s: Array, q: Array, v: Array, left: Array, right: Array) -> Trajectory:
     """Return the polynomials of degree five through positions and velocities (n, joints) at these times (n,).
 
-    Accelerations (n - 1, joints) are those at the start of each piece, on its left, and at its end.
+    ``left`` and ``right`` (n - 1, joints) are the accelerations at the start and at the end of each piece.
     """
     h = np.diff(times_s)[:, None]
     missing = np.diff(q, axis=0) - v[:-1] * h - left * h**2 / 2
@@ -283,11 +283,11 @@ def _small_turn(wanted: Array, now: Array) -> Array:
 
 
 def _rows(line: StraightLine, step: float) -> tuple[Array, Array]:
-    """Return bounds on the rate's change u on the piece that begins at each knot.
+    """Return bounds on the rate's change u on the piece that begins at each knot: ``share`` and ``room``.
 
-    They have the form ``|u + share x| <= room``, (PIECES + 1, 2 joints, 1) each, where x is the square of ds/dt at that
-    knot. The first rows, one per joint, are the limits there, the others those at the knot ``step`` further, where the
-    square is ``x + 2 step u``.
+    They mean ``|u + share x| <= room``, (PIECES + 1, 2 joints, 1) each, with x the square of ds/dt at that knot. The
+    first rows, one per joint, are the acceleration limits at the knot; the others are those one ``step`` further, where
+    the square is ``x + 2 step u``.
     """
     ahead = 1 if step > 0 else -1
     next_slope = np.roll(line.slope, -ahead, axis=0) + 2 * step * np.roll(line.bend, -ahead, axis=0)

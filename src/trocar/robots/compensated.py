@@ -198,7 +198,7 @@ class Compensated:
             return None
         sent, model = self.robot.setpoint(arm), self.arms[arm]
         memory, velocity = self._memory(arm, sent), motion(period_s, 1)
-        asked = motion(period_s) + velocity * period_s / 2  # next point of the stream's B-spline
+        asked = motion(period_s) + velocity * period_s / 2  # next control point of the stream's B-spline
         error = memory.joints(sent.q) - sent.q
         wanted = inverse(memory.model, memory.state, asked, asked - error)
         q_cmd = np.clip(wanted, model.lower + RANGE_GUARD, model.upper - RANGE_GUARD)

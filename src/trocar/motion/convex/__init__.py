@@ -19,18 +19,18 @@ ASIDE_RAD = 1e-9
 
 @ignores(Demand.STRAIGHT, Demand.JERK)
 def convex(problem: MotionProblem) -> dict[str, TimedPath]:
-    """Return a motion of all arms together that keeps its distances from everything, by sequential convex programs.
+    """Return a motion of all arms together that keeps all distances, by sequential convex programs.
 
     Schulman et al. 2013, as used by Kehoe et al. 2014: the path of all joints together, through the waypoints
     of every arm, is bent as little as necessary. Distances of all capsules are linearised about the previous path, and
     violations have a price (an l1 merit, a trust region); each step is a small quadratic program. The plain path
-    is tried first, then detours. A path is certified between its samples before it is returned, and followed as
-    fast as joints and tips may.
+    is tried first, then detours. A path is certified between its samples too before it is returned, and timed as
+    fast as the limits of joints and tips allow.
 
     Raises:
         ArmMoving: an arm is not at rest at the start.
-        TooNear: "infeasible: ...", the start, the end or a waypoint is already too near to something.
-        NoPlan: "infeasible: ...", a waypoint faces aside; "not found: ...", there may be a motion.
+        TooNear: "infeasible: ...": the start, the end or a waypoint is already too near to something.
+        NoPlan: "infeasible: ...": at a waypoint, a tip does not face its point; "not found: ...": a motion may exist.
     """
     for name, arm in problem.arms.items():
         if arm.moves:

@@ -44,7 +44,7 @@ class Rows:
 
 
 def distance_rows(distances: Distances, wanted_m: Array, basis: Array, watched_m: float) -> Rows:
-    """Return the rows of all pairs that are closer than wanted (n,) at n places, or hardly (``watched_m``) further."""
+    """Return the rows of all pairs closer than ``wanted_m`` (n,) plus ``watched_m`` at n places."""
     room = distances.distance_m - wanted_m[:, None]
     place, pair = np.nonzero(room < watched_m)
     return Rows(room[place, pair], distances.gradients(place, pair), basis[place])
@@ -95,13 +95,13 @@ def facing_rows(distances: Distances, spare_rad: Array, basis: Array) -> Rows:
 
 
 def taper(shares: Array, margin: float) -> Array:
-    """Return a margin (n,) that grows from 0 at both ends of the path: a start may stand as near as is allowed."""
+    """Return a margin (n,) that grows from 0 at both ends of the path: a start may be just at the allowed distance."""
     return margin * np.clip(np.minimum(shares, 1 - shares) / 0.1, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class PathProgram:
-    """The energy of a path, and the changes of its control points that are free."""
+    """The energy of a path, and the program for the change of its free control points."""
 
     curve: Curve  # of the path
     weights: Array  # (joints,) of the squared joints in the energy
@@ -131,9 +131,9 @@ class PathProgram:
     def step(self, control: Array, rows: Rows, price: float, damping: float) -> Array:
         """Return the change (controls, joints) of the control points that solves the program.
 
-        It minimises ``energy + damping |dx|^2 / 2 + price * sum of violations``. Its dual has one variable per row,
-        between 0 and ``price`` (of a row that is violated by one metre); a row that is not violated costs nothing and
-        is left out until it is. The damping is the trust region: the greater, the smaller the step.
+        It minimises ``energy + damping |dx|^2 / 2 + price * sum of violations``. The dual is solved: it has one
+        variable per row, between 0 and ``price`` (the penalty per metre). Rows are added only once they are violated.
+        The damping acts as a trust region: the greater it is, the smaller the step.
         """
         inverses = self.inverses(damping)
         pull = self.curve.energy @ control
@@ -154,7 +154,7 @@ class PathProgram:
         return change
 
     def _pushed(self, rows: Rows, which: NDArray[np.intp], free: Array, inverses: list[Array], price: float) -> Array:
-        """Return by how much the prices of rows shift the control points from where they would be without rows."""
+        """Return how far the rows ``which`` shift the control points from the solution ``free`` without rows."""
         basis, slope = rows.basis[which], rows.slope[which]
         gram = np.zeros((len(which), len(which)))
         for k, inverse in enumerate(inverses):
@@ -170,7 +170,7 @@ class PathProgram:
 
 
 def _bounded_least(gram: Array, missing: Array, price: float) -> Array:
-    """Return the prices (rows,), between 0 and the greatest, that minimise ``x gram x / 2 - missing x``."""
+    """Return the prices x (rows,), between 0 and ``price``, that minimise ``x gram x / 2 - missing x``."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-12))
     matrix = gram / scale / scale[:, None] + 1e-9 * np.eye(len(missing))
     top = float(np.abs(missing / scale).max())
@@ -179,7 +179,7 @@ def _bounded_least(gram: Array, missing: Array, price: float) -> Array:
 
 
 def in_range(arms: tuple[ArmMotion, ...], q: Array, slack: float) -> bool:
-    """Return whether joints keep their ranges at evenly spaced places q (n, joints), with a parabola in between."""
+    """Return whether joints keep their ranges at evenly spaced places q (n, joints), and on parabolas in between."""
     for k, arm in enumerate(arms):
         part = q[:, columns_of(k)]
         beyond = slack * (arm.model.upper - arm.model.lower) - np.abs(np.diff(part, n=2, axis=0)).max(axis=0) / 8
@@ -189,9 +189,9 @@ def in_range(arms: tuple[ArmMotion, ...], q: Array, slack: float) -> bool:
 
 
 def faces(arms: tuple[ArmMotion, ...], q: Array) -> bool:
-    """Return whether the tips face what they should at evenly spaced places q (n, joints), and as far as known between.
+    """Return whether the tips face their points at evenly spaced places q (n, joints), and on parabolas in between.
 
-    The first and the last are given, so they are not checked here.
+    The first and the last place are given, so they are not checked here.
     """
     for k, arm in enumerate(arms):
         if arm.facing is None:

@@ -43,8 +43,8 @@ class Timing:
 def retimed(path: Trajectory, arms: tuple[ArmMotion, ...], passing: Array) -> Timing:
     """Return the fastest motion from rest to rest along a path, all arms together.
 
-    Time-optimal path parameterisation by two passes (Pham & Pham 2018), with the square of the speed linear in the
-    share in every step; if limits are exceeded between the steps, the motion is slowed down a little. The path is of
+    Time-optimal path parameterisation in two passes (Pham & Pham 2018), with the square of the speed linear in the
+    share in every step; if limits are exceeded between the steps, the motion is slowed down a little. The path contains
     all joints side by side, linear or cubic over the share; the shares ``passing`` (k,) become knots of the motion.
     """
     knots = path.times_s
@@ -87,7 +87,7 @@ def _fastest(path: Trajectory, shares: Array, arms: tuple[ArmMotion, ...]) -> Ar
             tip = tip_speeds_m_s(arm, path(inner)[:, columns], path(inner, 1)[:, columns])
             top = np.minimum(top, ((1 - HEADROOM) * arm.max_tip_m_s / np.maximum(tip, LEAST)) ** 2)
     top[0] = top[-1] = 0.0
-    # in a step of width h the push u = d(x)/ds / 2 holds |slope u + bend x| <= 1 at its start and at its end
+    # in a step of width h, the push u = d(x)/ds / 2 must keep |slope u + bend x| <= 1 at its start and at its end
     h = np.diff(shares)[:, None]
     push = np.concatenate([slope[:-1], slope[1:] + 2 * h * bend[1:]], axis=1)
     pull = np.concatenate([bend[:-1], bend[1:]], axis=1)
@@ -97,7 +97,7 @@ def _fastest(path: Trajectory, shares: Array, arms: tuple[ArmMotion, ...]) -> Ar
     free = np.where(~binds & (np.abs(pull) > LEAST), 1 / np.maximum(np.abs(pull), LEAST), inf).min(axis=1)
     top[:-1] = np.minimum(top[:-1], np.minimum(free, _widest(lean, width)))
     top = np.minimum(top, 1e12)
-    # x + 2 h u is the next value, where |u + lean x| <= width
+    # the next value is x + 2 h u, with |u + lean x| <= width
     share, more = 1 - 2 * h * lean, 2 * h * width
     back = np.where(share > 0, 1 / np.where(share > 0, share, 1.0), inf)
     can = top.tolist()

@@ -17,7 +17,7 @@ from trocar.motion.problem import JOINTS, ArmMotion, MotionProblem
 from trocar.trajectory import Trajectory
 
 SOLID_COUNT = len(SOLIDS)
-TOUCHING_M = 1e-9  # segments nearer than this cross: the direction between them is their common normal
+TOUCHING_M = 1e-9  # segments nearer than this count as crossing: their common normal is used as direction
 
 
 @dataclass(frozen=True, eq=False)

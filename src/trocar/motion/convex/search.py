@@ -1,4 +1,4 @@
-"""Where to start and how to go on: the search over convex programs."""
+"""The search over convex programs: which initial paths to try, and how long to pursue each."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ COARSE = 2  # when starts are compared, only one in this many of these places is
 FINER = 4  # facing is checked in the end at this many times the places used for planning
 MARGIN_M, MARGIN_RAD = 5e-4, 0.01  # initial extra margin of distances and angles, for what lies between the places
 WATCHED_M = 0.015  # a pair gets a row if it is closer than the required distance plus this
-NEAR_M = 0.04  # a pair is tracked if it is closer than that plus this at the start
+NEAR_M = 0.04  # a pair is tracked if it is closer than the required distance plus this on a start
 CERTIFIED_M = 1e-6  # a certified distance may fall short of the required one by this: a tenth of what the check allows
 # A path whose distance falls short by this much, though not at the planned places, passes through something.
 THROUGH_M = 3e-3
@@ -47,8 +47,8 @@ TRUST_RAD, TRUST_M = 0.35, 0.05  # greatest change of a control point in one ste
 ACCEPTED = 0.1  # a step is accepted if it achieves this share of the predicted decrease
 KEPT_M = 2e-5  # how far a path may violate its margins and still be submitted to certification
 WAITS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of the time until all other arms rest, by which a motion may start later
-# A path with more than the first factor times the plain path's energy is shortened as long as steps leave less than
-# the second share of its energy, in at most the third number of steps.
+# A path with more than FAR_ROUND times the plain path's energy is shortened in at most SHORTER steps, as long as a step
+# can reduce its energy to less than the share SAVED.
 FAR_ROUND, SAVED, SHORTER = 1.3, 0.97, 10
 STARTS = 12  # number of starts pursued from one batch
 
@@ -66,7 +66,7 @@ QUICK, PATIENT = Effort((PRICE,), 6), Effort((PRICE, 10 * PRICE, 100 * PRICE), 8
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """The starts for one problem."""
+    """The starts for one problem: initial paths, from which the search proceeds."""
 
     arms: tuple[ArmMotion, ...]  # in order
     program: PathProgram  # of the curve and what is held fixed
@@ -89,7 +89,7 @@ class Starts:
         return self._kept(found)
 
     def many(self) -> Iterator[Array]:
-        """Yield batches (k, controls, joints) of all others."""
+        """Yield batches (k, controls, joints) of all other detours."""
         found = [self._aside({k: way}) for k, way in product(range(len(self.arms)), MORE)]
         yield self._kept(found)
         if len(self.arms) > 1:
@@ -148,7 +148,7 @@ def plain_path(arms: tuple[ArmMotion, ...], curve: Curve, held: tuple[Array, ...
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What is seen of a path: its control points (controls, joints), its rows linear about them, its energy."""
+    """A path as a program sees it: control points (controls, joints), rows linearised about them, and energy."""
 
     control: Array
     rows: Rows
@@ -200,7 +200,7 @@ class Search:
             for control in self._in_order(batch):
                 try:
                     timing = self.followed(control, effort)
-                except NoPlan:  # the numbers of its program defeat the solver
+                except NoPlan:  # the solver gave up on a program
                     continue
                 if timing is not None:
                     return timing
@@ -227,7 +227,7 @@ class Search:
         return Trajectory(np.array([0.0, 1.0]), np.stack([end - start, start])[:, None])
 
     def _in_order(self, controls: Array) -> Array:
-        """Return the best starts (k, controls, joints) of a batch, best first; consider pairs near in any of them."""
+        """Return the best starts (k, controls, joints) of a batch, best first; track only pairs near in any."""
         self.scene = self.scene.everything()
         shares, basis = self.shares[::COARSE], self.basis[::COARSE]
         q = np.einsum("nc,kcj->knj", basis, controls)
@@ -241,7 +241,7 @@ class Search:
         return controls[np.argsort(merits)[:STARTS]]
 
     def followed(self, control: Array, effort: Effort = PATIENT) -> Timing | None:
-        """Return the motion that a start leads to, if it leads to one."""
+        """Return the certified motion that a start leads to; None if it leads to none."""
         sight, self.passes_through = self.seen(control), False
         for price in effort.prices:
             damping = 0.0
@@ -274,7 +274,7 @@ class Search:
         return after, sight.merit(price) - model
 
     def _shortened(self, sight: Sight, timing: Timing, price: float) -> Timing:
-        """Return a motion along a path of less energy, if a start made a long detour and further steps are allowed."""
+        """Return a motion along a path of less energy, if a start made a long detour and steps can shorten it."""
         least, damping, shortest = self.program.energy(self.starts.plain), 0.0, sight.energy
         for _ in range(SHORTER):
             if sight.energy <= FAR_ROUND * least:
@@ -293,7 +293,7 @@ class Search:
         return timing
 
     def seen(self, control: Array) -> Sight:
-        """Return the constraints of a path."""
+        """Return a path with its constraints and its energy."""
         basis = self.basis
         q = basis @ control
         rows = [range_rows(self.arms, control, self.problem.range_slack)]
@@ -313,7 +313,7 @@ class Search:
         return retimed(path, self.arms, np.concatenate(self.passing))
 
     def certified(self, path: Trajectory) -> Timing | None:
-        """Return the motion along a path that meets all requirements, also between places; else tighten them."""
+        """Return the motion along a path if it meets all requirements, also between places; else tighten them."""
         self.passes_through = False
         fine = path(np.linspace(0.0, 1.0, FINER * SAMPLES_A_PIECE * self.curve.pieces + 1))
         if not in_range(self.arms, fine, self.problem.range_slack):
