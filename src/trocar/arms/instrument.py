@@ -12,7 +12,7 @@ from trocar.geometry import shown
 from trocar.geometry.arrays import Array, finite
 
 SLEEVE_M, SLEEVE_SHARE = (3e-3, 18e-3), 0.95
-"""Steel sleeve at the end of the shaft: from where to where behind the wrist pitch axis, and share of the radius."""
+"""Steel sleeve at the shaft's end: its extent behind the wrist pitch axis, and its radius as a share of the shaft's."""
 CLEVIS_SHARE = 0.75  # the round part of the clevis ends at this share of the way to the yaw axis
 KNUCKLE_SHARE = 0.9  # width of the boss at the yaw axis, as a share of a finger's width
 

@@ -277,7 +277,7 @@ class ArmModel:
 
     @cached_property
     def solver_offsets(self) -> tuple[float, ...]:
-        """Return the offsets, of pitch and wrist shifted by whole turns so that solutions lie in the ranges."""
+        """Return the offsets; pitch and wrist are shifted by whole turns so that solutions lie in their ranges."""
         offsets = np.array(self.offsets)
         pinned = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 1.0]) * TURN
         turns = np.rint((self._branch_center - offsets - self.middle) / TURN)

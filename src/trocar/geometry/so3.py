@@ -201,7 +201,7 @@ def require_rotation(what: str, matrix: Array) -> None:
 
 
 def steady(wxyz: Array) -> Array:
-    """Return quaternions (n, 4) of the same rotations, with signs chosen so that neighbours do not flip sign."""
+    """Return quaternions (n, 4) of the same rotations, with signs chosen so that they change continuously."""
     jumps = (wxyz[1:] * wxyz[:-1]).sum(axis=1) < 0
     return wxyz * np.cumprod(np.append(1.0, np.where(jumps, -1.0, 1.0)))[:, None]
 

@@ -150,7 +150,7 @@ class Guarded:
         return await self._robot.move(self._allowed(motions, replaces=False))
 
     async def replace(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Replace the current motions; refuse what is too fast, if an arm is moving: it cannot be slowed down then.
+        """Replace the current motions; from a moving arm, one that is too fast is refused, not slowed down.
 
         Raises:
             MotionRefused: a motion leaves what is allowed; the current motion then goes on.
