@@ -23,10 +23,9 @@ BACK = tuple(Transfer(target, source) for source, target in THERE)
 PAIRS_THERE = (((0, 7), (5, 10)), ((2, 6), (3, 11)), ((1, 8), (4, 9)))
 PAIRS = tuple((Transfer(*left), Transfer(*right)) for left, right in PAIRS_THERE)
 PAIRS += tuple((Transfer(*left[::-1]), Transfer(*right[::-1])) for left, right in PAIRS_THERE)
-"""Transfers that two arms do at once: the left arm's, the right arm's. They are the paper's parallel transfers
-[0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10] (facts/peg_transfer.md), paired differently: in every pair the
-left arm's pegs are those further left, and neither the sources nor the targets are neighbours, where one arm would be
-in the other's way."""
+"""Pairs of transfers that two arms do at once: (left arm's, right arm's). They are the paper's parallel transfers
+[0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10] (facts/peg_transfer.md), paired differently: the left arm always
+has the pegs further left. Neither the two sources nor the two targets are neighbours, so that the arms have room."""
 GOALS = {
     "unilateral": THERE + BACK,
     "bilateral": tuple(goal for pair in PAIRS for goal in pair),
@@ -37,7 +36,7 @@ GOALS = {
 
 @dataclass(frozen=True)
 class PegSet:
-    """What is on the table, as manufactured, and the variant of the task."""
+    """Nominal shapes of board and blocks, and the variant of the task."""
 
     board: Pegboard = field(default_factory=Pegboard)  # shape of the pegboard
     block: Block = field(default_factory=Block)  # shape of the blocks

@@ -1,4 +1,4 @@
-"""How a block is held and released: the six grasps of a block, the pose over a peg, and the choice of both."""
+"""The six grasps of a block, the poses that release it over a peg, and the choice among them."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from trocar.geometry import SE3, SO3, shown
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 GRASP_ASIDE_M = (-1.0e-3, 1.0e-3)
-"""Grasp points on the side at +y in the block frame lie so far along x, and are then rotated by +-120 deg
+"""x of the two grasp points on the side at +y, in the block frame; rotated by +-120 deg for the other two sides
 (facts/peg_transfer.md, The board and the blocks)."""
 GRASP_FROM_MIDDLE_M = 5.0e-3
-"""Their y: a little outside the middle of the wall, since the inner finger has the peg beside it."""
+"""y of these points: a little outside the middle of the wall, since the inner finger has the peg beside it."""
 DEPTH_M = 4.0e-3
 """Depth of the tip below a block's top face."""
 MIN_OPENING_M, MAX_OPENING_M = 2.0e-3, 8.0e-3
 OPENING_STEP_M = 0.1e-3
 """Distances between the inner faces of the open fingers that are tried."""
 SELF_M, REACH_M = 2e-3, 30e-3
-"""Blocks so far from a grasped one are obstacles: nearer is the block itself, further is out of the fingers' reach."""
+"""Another block is an obstacle between these distances: nearer is the grasped block itself, further is out of reach."""
 MIN_GAP_M = 0.15e-3
 MAX_ROLL_RAD = np.radians(70.0)
 MARGIN_RAD = np.radians(5.0)
-"""Kept between the wrist's joints and their limits."""
+"""Margin between the wrist's joints and their limits."""
 NEAR_END_M = 3.0e-3
-"""A finger's thickness is taken this far behind its end, which is about how deep it is in a block."""
+"""A finger's thickness is taken this far behind its end, about as deep as the finger is in a block."""
 YAWS_RAD = np.radians(np.arange(0.0, 360.0, 7.5))
 """Rotations of the tool that are tried over a peg."""
 OUTER_FINGER_M = 4.5e-3
 """Distance from the tip to the middle of the open outer finger, outwards."""
 FINGER_ROOM_M = 0.7e-3
-"""A block is aimed this far off the middle of its peg, towards the held wall: the inner finger opens between that wall
-and the peg, and opposite a wall is a corner, where the hole is 1 mm wider."""
+"""Offset of a released block from the axis of its peg, towards the held wall. It makes room between wall and peg for
+the inner finger to open; the hole is 1 mm wider at the corner opposite the wall."""
 ROOM_M = 2.5e-3
-"""Clearance that is enough, so that the tool need not turn for more."""
+"""Sufficient clearance: the tool does not turn to gain more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +49,9 @@ class Grasp:
     Attributes:
         T_board_tip: pose of the tip: tool vertical, tip in the wall of the block, jaws opening along the tip's x.
         q: (6,) joints in this pose, before cable compensation.
-        jaw_rad: opening of the jaws during the approach, with the largest clearance.
+        jaw_rad: opening of the jaws during the approach, the one with the largest clearance.
         clearance_m: smallest gap between an open finger and a wall, peg or neighbour.
-        candidate: 0-5, which of the six grasps.
+        candidate: number of the grasp, 0 to 5.
     """
 
     T_board_tip: SE3
@@ -69,10 +69,9 @@ _RULES = (
     (True, -0.6e-3, np.radians(110.0)),
     (False, -0.6e-3, np.radians(110.0)),
 )
-"""Rules for grasps, tried in turn: whether only walls on the arm's own side will do, least gap (m) round the open
-fingers, largest roll. Walls on its own side are preferred for a block to be handed over, since held there it leaves
-room for the other arm; else these rules are left out. With a gap below zero a finger must slide off the peg's round end
-or push the block aside."""
+"""Rules for grasps, tried in turn: whether the wall must be on the arm's own side, least gap round the open
+fingers (m), largest roll (rad). Rules for the own side apply only to a block for another arm: held there, it leaves room for that
+arm. With a negative gap, a finger must slide off the peg's round end or push the block aside."""
 
 
 def grasp_candidates(depth_m: float = DEPTH_M, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
@@ -167,9 +166,10 @@ def plan_grasp(
     depth_m: float = DEPTH_M,
     hands_over: bool = False,
 ) -> Grasp | str:
-    """Return the grasp by the first rule that allows one, or one sentence why none does; arguments as above.
+    """Return the grasp by the first rule that allows one, or one sentence why none does.
 
-    ``hands_over``: whether the block is for another arm, so that walls on the arm's own side are preferred.
+    Arguments as in ``choose_grasp``. ``hands_over``: whether the block is for another arm, so that walls on the arm's
+    own side are preferred.
     """
     own_side, grasp = T_base_board.inverse().translation_m[:2], ""
     for outer, min_gap_m, max_roll_rad in _RULES:
@@ -190,7 +190,7 @@ def _rank(grasp: Grasp, avoid: Collection[int]) -> tuple[bool, float, float]:
 
 
 def vertical_grasps(T_board_block: SE3, depth_m: float, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> list[SE3]:
-    """Return the candidates in the board frame, with the tool vertical whatever the block's tilt."""
+    """Return the six candidates in the board frame, with the tool vertical even if the block is tilted."""
     poses = []
     for matrix in (T_board_block @ grasp_candidates(depth_m, from_middle_m)).matrix:
         x = np.array([matrix[0, 0], matrix[1, 0], 0.0])
@@ -247,12 +247,12 @@ def wrist_has_room(arm: ArmModel, q: NDArray[np.float64], max_roll_rad: float) -
 
 
 def yaw_of(pose: SE3) -> float:
-    """Return the angle in rad about z from a frame's x axis to that of a pose in it: the yaw of a vertical tool."""
+    """Return the yaw of a pose in rad: the angle about z from its frame's x axis to its own."""
     return float(np.arctan2(pose.matrix[1, 0], pose.matrix[0, 0]))
 
 
 def held_block(T_board_tip: SE3, T_board_block: SE3, block: Block) -> SE3:
-    """Return ``T_tip_block`` after the jaws have closed, which centres the wall of the block between them."""
+    """Return ``T_tip_block`` after the jaws have closed: they centre the wall of the block between them."""
     matrix = (T_board_tip.inverse() @ T_board_block).matrix.copy()
     matrix[0, 3] = np.sign(matrix[0, 3]) * block.wall_middle_m
     return SE3.unchecked(matrix)
@@ -269,13 +269,13 @@ def choose_place(
     drop_m: float,
     yaw_rad: float = 0.0,
 ) -> SE3 | str:
-    """Return the pose of the tip over a peg in which to release a held block, or one sentence why there is none.
+    """Return the pose of the tip at which to release a held block over a peg, or one sentence why there is none.
 
     The tool is vertical, and any yaw of the block is allowed. If there is enough clearance to other blocks and pegs,
     the tool keeps its current yaw: the residual cable errors are then similar at both ends of the transfer and cancel.
 
-    Args as in ``choose_grasp``, and the pose of the block in the jaws, the number of the target ``peg``, the height of
-    the block's lower face above the plate (``drop_m``), and the current yaw of the tool about the board's z.
+    Arguments as in ``choose_grasp``. ``T_tip_block`` is the pose of the block in the jaws, ``peg`` the target,
+    ``drop_m`` the height of the block's lower face above the plate, ``yaw_rad`` the tool's current yaw on the board.
     """
     foot = board.pegs_m[peg]
     near = np.linalg.norm(board.pegs_m[:, :2] - foot[:2], axis=1)
@@ -310,6 +310,6 @@ def choose_place(
 
 
 def hole_over(foot_m: NDArray[np.float64], T_board_tip: SE3, T_tip_block: SE3) -> NDArray[np.float64]:
-    """Return where (2,) in the board's plane the middle of a held block's hole should be to have a peg in it."""
+    """Return the point (2,) in the board's plane where a held block's hole has to be to receive a peg."""
     outwards = -np.sign(T_tip_block.translation_m[0]) * T_board_tip.matrix[:2, 0]
     return np.asarray(foot_m[:2] + FINGER_ROOM_M * outwards, dtype=np.float64)

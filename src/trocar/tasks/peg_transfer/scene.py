@@ -1,4 +1,4 @@
-"""What lies on the table of a peg transfer, and how it is drawn for each trial: simulator truth."""
+"""Objects on the table of a peg transfer, drawn at random for each trial: simulator truth."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 BOARD_SHIFT_M = 2e-3
 BOARD_TURN_RAD = np.radians(3.0)
 BLOCK_SHIFT_M = 1.6e-3
-"""How far off its peg's middle a person lays a block; the hole's clearance is 2.1 mm."""
+"""Largest distance of a laid-down block from the axis of its peg; the hole's clearance is 2.1 mm."""
 BESIDE_PEG_M = 0.2e-3
 """Least gap between a block as laid down and its peg."""
 MOST_OFF_M = 0.5e-3
-"""Prints with larger errors are not used."""
+"""Printing errors are clipped to this: nobody would use a worse print."""
 MIN_GAP_M = 0.5e-3
 """Least gap between two blocks as laid down at the start."""
 PRINT = Flaw(
@@ -30,7 +30,7 @@ PRINT = Flaw(
     "assumed: tolerance of printers, as for the spheres of a calibration",
     tasks=("peg-transfer",),
 )
-"""How well board and blocks are printed (entry point ``trocar.flaws``)."""
+"""Printing errors of board and blocks (entry point ``trocar.flaws``)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class PegScene:
 
     Attributes:
         T_world_board: pose of the board.
-        T_world_blocks: (k,) one pose a block.
+        T_world_blocks: (k,) pose of each block.
         board: the pegboard's shape.
         block: the blocks' shape.
     """
@@ -51,7 +51,7 @@ class PegScene:
 
 
 def draw_scene(rng: np.random.Generator, station: Station) -> PegScene:
-    """Return a board moved by millimetres with a block lying loosely on each of its left six pegs, as printed."""
+    """Return a board displaced by millimetres, with a block lying loosely on each of its six left pegs."""
     (sd_m,) = station.difficulty.values(PRINT)
     board, block = _printed(float(sd_m), rng.spawn(1)[0])
     shift = np.append(rng.uniform(-BOARD_SHIFT_M, BOARD_SHIFT_M, 2), 0.0)
@@ -69,7 +69,7 @@ def draw_scene(rng: np.random.Generator, station: Station) -> PegScene:
 
 
 def _printed(sd_m: float, rng: np.random.Generator) -> tuple[Pegboard, Block]:
-    """Return a board and its blocks as printed: positions and sizes with errors of this SD, at most .5 mm.
+    """Return a board and a block with printing errors of this SD in positions and sizes, at most 0.5 mm.
 
     All pegs have the same thickness and height, and all blocks the same shape.
     """
@@ -94,7 +94,7 @@ def _printed(sd_m: float, rng: np.random.Generator) -> tuple[Pegboard, Block]:
 
 
 def _laid(block: Block, peg_m: np.ndarray, shift_m: float, rng: np.random.Generator) -> SE3:
-    """Return a pose of a block round a peg in the board's frame: any yaw, off the middle."""
+    """Return a random pose of a block round a peg in the board's frame: any yaw, up to ``shift_m`` off its axis."""
     off = shift_m * np.sqrt(rng.uniform())
     angle = rng.uniform(0.0, TURN)
     place = peg_m + [off * np.cos(angle), off * np.sin(angle), block.height_m]

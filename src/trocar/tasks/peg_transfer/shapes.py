@@ -30,7 +30,7 @@ class Pegboard:
     Attributes:
         peg_radius_m: half of the 3.5 mm seen in the photographs (which contradict the 2.25 mm in the text).
         peg_height_m: height from the plate to the rounded top.
-        pegs_off_m: (x, y) of each peg's foot against the authors' board; empty: none is off.
+        pegs_off_m: (x, y) displacement of each peg from its place on the authors' board; empty: none.
         plates_m: (width, depth, height of the top above the pegs' feet) of the stepped plates, top plate first.
     """
 
@@ -66,14 +66,14 @@ Measured on the top face of the authors' model (`shared/data/dvrk/blocks/capture
 its six-fold symmetry.
 """
 GRASP_OFF_MIDDLE_DEG = 11.0
-"""Direction, seen from the block's middle, in which a grasp 1 mm beside the middle of a side meets the hole."""
+"""Angle, seen from the block's middle, between the middle of a side and a grasp point 1 mm beside it."""
 
 
 @dataclass(frozen=True)
 class Block:
     """Rounded triangular prism with a hole, in the frame of the authors' model.
 
-    The origin is the middle of the top face. The x axis is parallel to one side, which lies at y = +5.55 mm; the
+    The origin is the middle of the top face. The x axis is parallel to one side, which lies at y = +5.57 mm; the
     opposite corner is at y = -8.95 mm. **z points into the block**, away from a viewer of its top face. The block is
     symmetric under rotations by 120 deg about z.
 
@@ -82,7 +82,7 @@ class Block:
         corner_m: distance of a corner's tip from the middle.
         height_m: extent along z.
         density_kg_m3: printed ABS (assumed).
-        hole_wider_m: by which the hole's radius is larger than the model's.
+        hole_wider_m: the hole's radius minus that of the model.
     """
 
     side_m: float = 5.57e-3
@@ -131,7 +131,7 @@ class Block:
 
     @cached_property
     def wall_middle_m(self) -> float:
-        """Return the distance from the block's middle to that of a wall, where jaws close on it."""
+        """Return the distance from the block's middle to the middle of a wall, where jaws close on it."""
         return 0.5 * (self.side_m + float(self.hole_radius_m(np.radians(90.0 + GRASP_OFF_MIDDLE_DEG))))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""FLS peg transfer: six triangular blocks from one half of the board to the other, and back (paper, section III)."""
+"""FLS peg transfer: move six triangular blocks to the other half of the board and back (Hwang et al. 2022, III)."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _AGENTS = "trocar.tasks.peg_transfer.agents"
 
 
 def _method(about: str, settings: str, **how: Any) -> Method:
-    """Return a method of the agents with some of their settings."""
+    """Return a method that runs this task's agents with the settings of this name."""
     agent, settings_of = Lazy(f"{_AGENTS}:agent_of"), Lazy(f"{_AGENTS}:{settings}")
     return Method(about, agent, settings_of, perception="depth", **how)
 
 
 @dataclass(frozen=True)
 class PegTransfer(Task):
-    """Twelve transfers on a slightly displaced board, with blocks that lie loosely."""
+    """Twelve transfers of loosely placed blocks on a slightly displaced board."""
 
     variant: str = option(
         "unilateral",
@@ -81,7 +81,11 @@ class PegTransfer(Task):
         check_budget(self.budget_s)
 
     def at(self, station: Station) -> Station:
-        """Return the station, if a board is fixed there."""
+        """Return the station, after a check that it has a board and enough arms.
+
+        Raises:
+            InvalidInput: it has not.
+        """
         if "board" not in station.T_world_fixture:
             raise InvalidInput(
                 f"station {station.name!r}", "has no fixture 'board', which peg-transfer needs", "add it"
@@ -92,7 +96,7 @@ class PegTransfer(Task):
         return station
 
     def working_arms(self, station: Station) -> tuple[str, ...]:
-        """Return the first arm, or the first two."""
+        """Return the names of the first arm or, for variants with two arms, of the first two."""
         return tuple(station.arms)[: 2 if self.variant in TWO_ARMS else 1]
 
     def goals(self) -> tuple[Transfer, ...]:
@@ -104,7 +108,7 @@ class PegTransfer(Task):
         return PegSet(variant=self.variant)
 
     def scene(self, rng: np.random.Generator, station: Station) -> PegScene:
-        """Return a board moved by millimetres with a block lying loosely on each of its left six pegs, as printed."""
+        """Return a board displaced by millimetres, with a block lying loosely on each of its six left pegs."""
         return draw_scene(rng, station)
 
     def world(self, scene: PegScene) -> TaskWorld:
@@ -116,5 +120,5 @@ class PegTransfer(Task):
         return score_transfers(self.goals(), truth, events, handover=self.variant == "handover")
 
     def told(self, events: Sequence[Mapping[str, Any]]) -> list[TransferScore]:
-        """Return one score for each of the transfers, as the script noted them."""
+        """Return one score for each of the transfers, from the events that the script noted."""
         return told_transfers(self.goals(), events)

@@ -17,12 +17,12 @@ from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 ENGAGED_M = 8e-3
-"""A block is on its peg while its lower face is below this height over the plate, the peg inside its hole."""
+"""A block is on a peg if the peg is in the block's hole and the block's lower face is this low over the plate."""
 UPRIGHT_RAD = np.radians(10.0)
 REST_S = 0.3
-"""A released block is judged after this time, in which it may fall."""
+"""A released block is judged only after this time, in which it may still fall."""
 RETREAT_M = 0.020
-"""It is judged again once no tip is this close to it any more: the jaws have gone without dragging it along."""
+"""It is judged only once all tips are further away than this: jaws that leave may drag it along."""
 FLICKER_S = 0.25
 """A block that is off its peg for less than this has not left it, since closing jaws may lift it for a moment."""
 
@@ -54,12 +54,12 @@ class PegTruth:
 
     @cached_property
     def pegs(self) -> NDArray[np.intp]:
-        """Return for each time and block (n, k) the peg round which it stands upright, -1 if there is none."""
+        """Return the peg (n, k) round which each block stands upright at each time; -1 if there is none."""
         return pegs_under(self.T_board_blocks, self.board, self.block)
 
 
 def pegs_under(T_board_blocks: SE3, board: Pegboard, block: Block) -> NDArray[np.intp]:
-    """Return for each pose (...,) of a block the peg that is inside its hole while it stands, or -1."""
+    """Return the peg inside the hole of a standing block, for each pose (...,); -1 if there is none."""
     poses = T_board_blocks.matrix
     height = poses[..., 2, 3] - block.height_m
     standing = (-poses[..., 2, 2] > np.cos(UPRIGHT_RAD)) & (height < ENGAGED_M)
@@ -79,7 +79,7 @@ class TransferScore(Score):
     Attributes:
         source: peg.
         target: peg.
-        available: a block stood on the source, free to be moved: the paper's denominator counts only these.
+        available: whether a block ever stood on the source; the paper's denominator counts only these transfers.
     """
 
     source: int
@@ -89,7 +89,7 @@ class TransferScore(Score):
 
 @dataclass(frozen=True)
 class Stay:
-    """A stay of a block on a peg, from the first to the last row of the truth at which it is there."""
+    """A stay of a block on a peg, from the first to the last row of the truth at which the block is there."""
 
     block: int
     peg: int
@@ -102,9 +102,9 @@ def score_transfers(
 ) -> list[TransferScore]:
     """Return one score for each goal, in order.
 
-    A transfer has succeeded if a block went from the source straight to the target, by whatever means, stood there
-    after it was released, and still stood there when the jaws had gone; ``handover``: and if it was in the jaws of two
-    arms on its way. What the script noted (``events``) gives times and explains failures.
+    A transfer succeeds if a block went directly from the source to the target, by whatever means, and still stood there
+    after its release, once the jaws had gone. With ``handover``, it must also have been in the jaws of two arms on its
+    way. The script's ``events`` give only times and explanations of failures.
     """
     stays = [stays_of(truth, block) for block in range(truth.held.shape[1])]
     used: set[Stay] = set()
@@ -132,7 +132,7 @@ def score_transfers(
 
 
 def told_transfers(goals: Sequence[Transfer], events: Sequence[Mapping[str, Any]]) -> list[TransferScore]:
-    """Return one score for each goal, in order, as the script noted it: nobody else saw where the blocks went."""
+    """Return one score for each goal, in order, from the script's notes alone: on real arms there is no referee."""
     scores: list[TransferScore] = []
     end_s = max((float(event["time_s"]) for event in events), default=0.0)
     for goal in goals:
@@ -150,7 +150,7 @@ def told_transfers(goals: Sequence[Transfer], events: Sequence[Mapping[str, Any]
 
 
 def stays_of(truth: PegTruth, block: int) -> list[Stay]:
-    """Return the stays of one block in order; a flicker does not end one."""
+    """Return the stays of one block in order; an absence shorter than ``FLICKER_S`` does not end a stay."""
     peg = truth.pegs[:, block]
     edges = np.flatnonzero(np.diff(peg)) + 1
     found: list[Stay] = []
@@ -183,7 +183,7 @@ def _stays_placed(stay: Stay, truth: PegTruth) -> bool:
 
 
 def _retreated(block: int, released: int, truth: PegTruth) -> int:
-    """Return the first row from a release on at which every tip is away from the block; the last if there is none."""
+    """Return the first row after a release at which all tips are away from the block, or else the last row."""
     tips = np.stack([tip[released:] for tip in truth.p_board_tips.values()])
     off_m = np.linalg.norm(tips - truth.T_board_blocks.matrix[released:, block, :3, 3], axis=-1).min(axis=0)
     away = off_m > RETREAT_M
@@ -191,7 +191,7 @@ def _retreated(block: int, released: int, truth: PegTruth) -> int:
 
 
 def _handed_over(before: Stay, after: Stay, truth: PegTruth) -> bool:
-    """Return whether another arm held a block at the end of its way than at its beginning: a touch is no handover."""
+    """Return whether the last arm to hold a block on its way is not the first one: a mere touch is no handover."""
     way = slice(before.last, after.first + 1)
     rows = {arm: np.flatnonzero(held[way, before.block]) for arm, held in truth.held_by.items()}
     rows = {arm: held for arm, held in rows.items() if len(held)}
@@ -199,7 +199,7 @@ def _handed_over(before: Stay, after: Stay, truth: PegTruth) -> bool:
 
 
 def _why(moved: bool, placed: bool, at_source: Sequence[Stay], truth: PegTruth) -> tuple[str, str]:
-    """Return the name of a failure of which the script says nothing, and a sentence."""
+    """Return the name of a failure that the script does not explain, and a sentence."""
     if not at_source:
         return TransferOutcome.NO_BLOCK.name, "no block ever stood on the source"
     if placed:

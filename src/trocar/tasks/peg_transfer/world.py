@@ -1,4 +1,4 @@
-"""The pegboard and its blocks as bodies of the simulator, and their referee, who sees everything and tells no agent."""
+"""Pegboard and blocks as bodies of the simulator, and the referee, which sees the truth and tells agents nothing."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from trocar.tasks.peg_transfer.scene import PegScene
 from trocar.tasks.peg_transfer.truth import PegTruth
 
 FOOT_M = 0.05e-3
-"""Height of the prisms of a block above its three feet, so that it has three contacts with the plate, not
-thirty-six."""
+"""Gap between a block's prisms and the plate: a block stands on three feet, with three contacts and not thirty-six."""
 ABS_RED = (0.83, 0.23, 0.07)
 ABS_RED_BLOCK = (0.80, 0.20, 0.07)
 BLACK_TABLE = (0.035, 0.035, 0.04)
@@ -29,7 +28,7 @@ STEEP = 0.7
 
 
 class PegWorld(TaskWorld):
-    """A pegboard with its blocks. Collisions are arms and held blocks against the sides of pegs."""
+    """A pegboard with its blocks. An arm or a held block that touches the side of a peg counts as a collision."""
 
     sleeps = True
 
@@ -45,7 +44,7 @@ class PegWorld(TaskWorld):
         _add_blocks(spec, self._scene)
 
     def start(self, world: World) -> None:
-        """Number the geoms of blocks and pegs."""
+        """Look up which block, peg or finger each geom belongs to."""
         self._world = world
         self._count = len(self._scene.T_world_blocks.matrix)
         self._block = _numbered(world, "block")
@@ -55,7 +54,7 @@ class PegWorld(TaskWorld):
             self._finger[list(index.fingers)] = index.fingers
 
     def observe(self, time_s: float) -> None:
-        """Note which blocks each arm holds: those that both its fingers touch."""
+        """Record which blocks each arm holds: those that both of its fingers touch."""
         del time_s
         pairs = self._world.data.contact.geom[: self._world.data.ncon].T
         finger, block = np.maximum(*self._finger[pairs]), np.maximum(*self._block[pairs])
@@ -69,7 +68,7 @@ class PegWorld(TaskWorld):
             self._held.update(dict.fromkeys(np.flatnonzero(held).tolist(), name))
 
     def collision(self, first: int, second: int) -> CollidingPair | None:
-        """Return who collides if an arm, or a block that it holds, touches a peg."""
+        """Return the colliding pair if an arm, or a block that it holds, touches a peg, else None."""
         for a, b in ((first, second), (second, first)):
             peg, arm, block = int(self._peg[b]), int(self._world.geom_arm[a]), int(self._block[a])
             if peg >= 0 and arm >= 0:
@@ -79,11 +78,14 @@ class PegWorld(TaskWorld):
         return None
 
     def counts(self, pair: CollidingPair, normal: NDArray[np.float64]) -> bool:
-        """Return whether it is a peg's side that is touched, or an arm."""
+        """Return whether a contact is with another arm or with the side of a peg, not with a peg's top."""
         return not (pair.against.startswith("peg") and abs(normal[2]) > STEEP)
 
     def errand(self, goal: Transfer) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the middle of the top face of a transfer's block, and where it is once it stands on its target."""
+        """Return the centre (world, m) of a block's top face now, and once the block stands on the target.
+
+        The block is the one that was nearest to the source at the first call for this transfer.
+        """
         blocks = np.stack([self._world.free_pose(f"block{k}").translation_m for k in range(self._count)])
         scene, lies = self._scene, [0.0, 0.0, self._scene.block.height_m]
         source, target = scene.T_world_board.apply(scene.board.pegs_m[list(goal)] + lies)
@@ -111,7 +113,7 @@ class PegWorld(TaskWorld):
 
 
 def _numbered(world: World, prefix: str) -> NDArray[np.intp]:
-    """Return for each geom the number behind this prefix in its name, or -1."""
+    """Return the number after this prefix in the name of each geom; -1 for other names."""
     numbers = np.full(world.model.ngeom, -1, dtype=np.intp)
     for g in world.geoms(prefix):
         numbers[g] = int(world.model.geom(int(g)).name.removeprefix(prefix).split("_")[0])

@@ -10,9 +10,9 @@ from trocar.tasks.peg_transfer.perception.board import find_board
 
 
 class DepthView:
-    """Board and blocks in one RGBD image. A perception of your own has these methods.
+    """Finds board and blocks in one RGBD image. A perception of your own needs the same methods.
 
-    Each returns a pose, or one sentence why there is none; ``find_held_block`` is asked only about blocks in jaws.
+    Each returns a pose, or one sentence why there is none.
     """
 
     find_board = staticmethod(find_board)
@@ -21,7 +21,11 @@ class DepthView:
 
 
 def depth_camera(cell: Cell) -> str:
-    """Return the name of the cell's first camera with depth."""
+    """Return the name of the cell's first camera with depth.
+
+    Raises:
+        InvalidInput: there is none.
+    """
     for name, camera in cell.cameras.items():
         if isinstance(camera.model, Intrinsics):
             return name

@@ -30,8 +30,8 @@ STEP_UP_M = 1.0e-3
 MIN_VISIBLE = 0.30
 MAX_MISMATCH = 0.22
 MAX_TILT_RAD, MAX_HELD_TILT_RAD = np.radians(8.0), np.radians(14.0)
-"""Of a block on the board, and in jaws, which hold it at any angle that the wrist has; further turned, a face of
-8.95 mm leaves the window of heights."""
+"""Largest tilt of a block on the board, and in jaws, where it tilts with the wrist. Tilted further, a face of 8.95 mm
+radius leaves the window of heights."""
 MIN_POINTS = 40
 
 NODE_M, MAP_M = 0.2e-3, 14e-3
@@ -39,7 +39,7 @@ NODE_M, MAP_M = 0.2e-3, 14e-3
 YAWS_RAD = np.radians(120.0) * np.arange(24) / 24
 OFFSET_STEP_M, OFFSET_REACH_M = 1.0e-3, 3.0e-3
 FINALISTS = 3
-"""Poses of a grid over all yaws and offsets, of which so many are refined: no initial guess is needed."""
+"""Number of poses that are refined, from a grid over all yaws and offsets: no initial guess is needed."""
 COARSE_PIXELS = 300
 SOFTNESS_M = 0.25e-3
 """Half a pixel: width of the soft edge over which a pixel's label fades."""
@@ -48,7 +48,7 @@ CONTRADICTION_M = 0.4e-3
 
 
 def find_block(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Block, peg: int) -> SE3 | str:
-    """Return the pose, in the board's frame, of the block that hangs on a peg and stands on the plate, or why not.
+    """Return the pose in the board's frame of the block on a peg, or one sentence why there is none.
 
     A plane is fitted to the red pixels at the height of the top face. Each pixel's ray then either ends on this plane
     (and shows the face) or passes through it (and shows that there is none). The outline's x, y and yaw are fitted to
@@ -68,10 +68,10 @@ def find_block(image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Bl
 
 
 def find_held_block(image: RgbdImage, T_camera_board: SE3, block: Block, T_board_expected: SE3) -> SE3 | str:
-    """Return the pose, in the board's frame, of a block in the jaws of an arm, upright or nearly so, or why not.
+    """Return the pose in the board's frame of a nearly upright block in the jaws of an arm, or why there is none.
 
-    Like ``find_block``, where no peg is in the way; what the jaws hide carries no information. The block has to be
-    within some millimetres of where the arm's joints have it.
+    Works like ``find_block``, but without pegs; pixels that the jaws hide carry no information. The block has to be
+    within some millimetres of its expected pose, which follows from the arm's joints.
     """
     at = T_board_expected.translation_m
     return _find_around(image, T_camera_board, at, block, np.zeros((0, 2)), MAX_HELD_TILT_RAD, "the block in the jaws")
@@ -91,7 +91,7 @@ def _find_around(
 
 
 def _find_in_window(patch: Patch, T_camera_top: SE3, block: Block, others_m: Array, max_tilt_rad: float) -> SE3 | str:
-    """Return the pose in the frame of the top face of a block that is centred on the peg, or why there is none."""
+    """Return the block's pose in the frame of its expected top face (``T_camera_top``), or why there is none."""
     T_top_camera = T_camera_top.inverse()
     rays = patch.rays @ T_top_camera.rotation.matrix.T
     eye = T_top_camera.translation_m
@@ -231,9 +231,9 @@ def top_face(block: Block) -> TopFace:
 
 
 def in_block(xy_m: Array, x_m: Array, y_m: Array, yaw_rad: Array) -> tuple[Array, Array, Array]:
-    """Return points (n, 2) of a plane, z towards the viewer, in x, y of a block whose z points away from them.
+    """Return points (n, 2) of a plane in the x, y of a block, and cosine and sine of the block's yaw.
 
-    Poses broadcast with the points; cosine and sine of the yaw come with the result.
+    The plane's z points towards the viewer, the block's z away from the viewer. Poses broadcast with the points.
     """
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     dx, dy = xy_m[..., 0] - x_m, xy_m[..., 1] - y_m
@@ -243,8 +243,8 @@ def in_block(xy_m: Array, x_m: Array, y_m: Array, yaw_rad: Array) -> tuple[Array
 def fit_outline(face: TopFace, shows_m: Array, bare_m: Array) -> tuple[Array, int, int]:
     """Return x, y, yaw (3,) that minimise sum (shows_face - s(d / w))^2, d = signed distance inside the outline.
 
-    The numbers of pixels that contradict the outline come with it: those that show the face outside it, and bare ones
-    inside it.
+    Here s is the logistic function and w is ``SOFTNESS_M``. The second and third results are the numbers of pixels that
+    contradict the outline: those that show the face outside it, and bare ones inside it.
 
     Args:
         face: the outline.
@@ -271,9 +271,9 @@ def fit_outline(face: TopFace, shows_m: Array, bare_m: Array) -> tuple[Array, in
 
 
 def coarse_poses(face: TopFace, xy_m: Array, centre_m: Array, score: Callable[[Array], Array]) -> list[Array]:
-    """Return the best poses (3,), apart from each other, of a grid over all yaws and offsets from a centre (2,).
+    """Return the best distinct poses (3,) of a grid over all yaws and offsets from a centre (2,).
 
-    ``score`` makes one number of the distances (yaws, offsets, n) of points (n, 2) inside the outline; more is better.
+    ``score`` turns signed distances (yaws, offsets, n) of points (n, 2) into scores (yaws, offsets); higher is better.
     """
     ticks = np.arange(-OFFSET_REACH_M, OFFSET_REACH_M + OFFSET_STEP_M / 2, OFFSET_STEP_M)
     offsets = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), -1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""What a policy sees of a peg transfer: numbers from images, taken beside whatever the arms do."""
+"""A policy's observation of a peg transfer: numbers from images that are taken while the arms work."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp, yaw_of
 from trocar.tasks.peg_transfer.perception import depth_camera
 
 MOVED_M = 1e-3
-"""A block that is seen this far from where it was has moved: its grasp is planned anew."""
+"""A block that is seen this far from its last place has moved, and its grasp is planned again."""
 _XYZ = tuple(f"position.{axis}" for axis in "xyz")
 _OF_GOAL = (*(f"block.{name}" for name in (*_XYZ, "cos_3yaw", "sin_3yaw")),)
 _OF_GOAL += (*(f"grasp.{name}" for name in (*_XYZ, "cos_yaw", "sin_yaw", "jaw")),)
@@ -30,9 +30,9 @@ class Seen:
     """What one image shows.
 
     Attributes:
-        T_world_board: pose of the board, of the first image that shows it.
+        T_world_board: pose of the board, from the first image that shows it.
         blocks: poses of the blocks in the board's frame, by peg.
-        grasps: of blocks that have moved: the pose for which each was planned, and the grasp, by peg.
+        grasps: for each block that has moved, by peg: its pose, and the grasp that was planned for it.
     """
 
     T_world_board: SE3
@@ -41,16 +41,18 @@ class Seen:
 
 
 class PegObjects(WatchedObjects):
-    """Each transfer's block, how to grasp it, and its target in the world, as last seen.
+    """Each transfer's block, its grasp and its target in the world, as last seen.
 
-    Of a transfer: the middle (m) of the top face of its block on the source peg, cosine and sine of three times its
-    yaw, since its three walls are alike; the tip's position (m), cosine and sine of the yaw of its x axis, and the
-    opening of the jaws (rad) in the grasp that ``plan_grasp`` plans for an arm, the nearest one; the middle of the
-    target peg's foot; and whether looks showed that it was brought there. Before a block has been seen, it and its
-    grasp are where the peg is, and the other numbers are 0. What is hidden stays as it was.
+    The numbers of a transfer are, for the block on its source peg: the middle (m) of the top face, and cosine and sine
+    of three times the yaw, since the three walls are alike; for the grasp that ``plan_grasp`` plans for the nearest
+    arm: position (m) of the tip, cosine and sine of the yaw of its x axis, and opening of the jaws (rad); the foot (m)
+    of the target peg; and 1 once images showed that the transfer was done, else 0.
+
+    Before a block has been seen, block and grasp are at the source peg, and their other numbers are 0. The numbers of
+    a hidden block stay as they were.
 
     Attributes:
-        names: of the numbers.
+        names: names of the numbers.
         values: the numbers, each from -1 to 1.
     """
 
@@ -63,7 +65,7 @@ class PegObjects(WatchedObjects):
         self._arms = list(cell.arms)[: 1 if nominal.variant == "unilateral" else 2]
         self.names = [f"transfer{number}.{name}" for number in range(1, len(goals) + 1) for name in _OF_GOAL]
         self._blocks: dict[int, SE3] = {}
-        self._grasps: dict[int, tuple[SE3, Grasp]] = {}  # and the block for which it was planned
+        self._grasps: dict[int, tuple[SE3, Grasp]] = {}  # with the pose of the block for which each was planned
         self._done: set[int] = set()
 
     @property
@@ -87,7 +89,7 @@ class PegObjects(WatchedObjects):
         return np.clip(np.hstack(rows), -1.0, 1.0)
 
     def find(self, image: Image) -> Seen | None:
-        """Return the board, the blocks that are seen, and grasps of those that moved; None: no board has been seen."""
+        """Return the board, the visible blocks, and grasps of those that moved; None if no board has been seen."""
         board = self._T_world_board
         if not self._found:
             found = self._see.find_board(image, self.T_world_camera, self._board, board)
@@ -115,9 +117,10 @@ class PegObjects(WatchedObjects):
         return plan_grasp(self.cell.arms[self._arms[nearest]], T_base_board, T_board_block, self._board, self._block)
 
     def take(self, found: Seen | None) -> None:
-        """Let it be known; a transfer is done once its block was on its source, is not there now, and is on its target.
+        """Store what was found, and update which transfers are done.
 
-        Else a block that still lies on the target of a later transfer, which brings it back, would count as brought.
+        A transfer is done once a block has been on its source and is not there now, and a block is on its target. The
+        target alone does not tell: on the way back, blocks lie on the targets from the start.
         """
         if found is None:
             return
