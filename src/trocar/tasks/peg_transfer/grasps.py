@@ -70,8 +70,8 @@ _RULES = (
     (False, -0.6e-3, np.radians(110.0)),
 )
 """Rules for grasps, tried in turn: whether the wall must be on the arm's own side, least gap round the open
-fingers (m), largest roll (rad). Rules for the own side apply only to a block for another arm: held there, it leaves room for that
-arm. With a negative gap, a finger must slide off the peg's round end or push the block aside."""
+fingers (m), largest roll (rad). Rules for the own side apply only to a block for another arm: held there, it leaves
+room for that arm. With a negative gap, a finger must slide off the peg's round end or push the block aside."""
 
 
 def grasp_candidates(depth_m: float = DEPTH_M, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:

@@ -1,4 +1,4 @@
-"""Agents of the peg transfer, one for each variant, and how they work."""
+"""Agents of the peg transfer, one for each variant, and their settings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AGENTS = {
 
 
 def agent_of(context: AgentContext) -> Agent:
-    """Return the agent of the variant that a context is about."""
+    """Return the agent for the variant in this context."""
     return AGENTS[context.nominal.variant].load()(context)
 
 
@@ -25,7 +25,7 @@ def agent_of(context: AgentContext) -> Agent:
 class Settings:
     """How the agents work; lengths in m, angles in rad, times on the cell's clock in s."""
 
-    # What computations declare, and how long an arm rests after a motion before the jaws act.
+    # Declared times of computations, and the rest after a motion before the jaws act.
     perception_budget_s: float = 0.098  # for finding a block and planning its grasp (paper)
     survey_budget_s: float = 0.25  # for registering the board, and for the last look at all blocks
     planning_budget_s: float = 0.103  # for planning a motion (paper)
@@ -34,9 +34,9 @@ class Settings:
     fit_budget_s: float = 0.6  # for fitting the cables on all looks
     settle_s: float = 0.06
 
-    # Jaws. Round a wall in the other arm's jaws: of 107 tries with a true opening below .31, 10 ended on top of the
-    # wall; of 217 with more than .33, 3. Jaws that close further than ``jaw_empty_rad`` hold nothing, or a block by too
-    # little: on a wall they stall at .17 to .30, and what they held at .12 was lost on the way.
+    # Jaws. To take a block from the other arm they have to open wide: with a true opening below 0.31 rad, 10 of 107
+    # tries ended on top of the wall, but only 3 of 217 above 0.33 rad. Jaws that close further than ``jaw_empty_rad``
+    # hold nothing, or too little of a block: on a wall they stall at 0.17 to 0.30 rad; a block held at 0.12 was lost.
     jaw_open_rad: float = 0.40  # widest opening round the wall of a block, against the clearance in its hole
     release_rad: float = 0.32  # least opening there
     taking_rad: float = 0.36  # opening of jaws that approach a block in the other arm's jaws
@@ -49,9 +49,10 @@ class Settings:
     lift_m: float = 26e-3  # how far a held block is raised: its lower face clears the pegs
     drop_m: float = 2e-3  # height of a block's lower face over the plate when it is released
 
-    # Looking, learning and trying again. Wrist joints that keep still while the tip goes straight down or up keep the
-    # errors of their cables; else the tool does not turn. In a handover, blocks are lifted and placed like that only by
-    # arms that look before placing: the receiving arm holds the block at any angle; turning it further costs clearance.
+    # Looking, learning and trying again. With ``fixed_wrist``, wrist joints keep still while the tip goes straight
+    # down or up, so that the errors of their cables do not change; without, the tool does not turn. In a handover, only
+    # arms that look before placing carry blocks like that: the receiving arm holds a block at any angle, and turning it
+    # further costs clearance.
     fixed_wrist: bool = False
     looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest
     looks_before_placing: bool = False  # stop over the target, look how the block hangs in the jaws, lower it like that
@@ -84,12 +85,12 @@ def compensated() -> Settings:
 
 
 def patient() -> Settings:
-    """Return the settings for the paper's SQP, which takes .3 s per motion, at times .4 s (``bench_planning.py``)."""
+    """Return the settings for the paper's SQP, which takes 0.3 s per motion, at times 0.4 s (``bench_planning.py``)."""
     return Settings(planning_budget_s=0.4, fixed_wrist=True)
 
 
 def quick() -> Settings:
-    """Return the settings that declare the time of our own computations: their p95 on one shared core.
+    """Return the settings that declare the measured p95 of each computation on one shared core.
 
     A run reports if a machine needs longer (``missed_budgets``).
     """

@@ -20,7 +20,7 @@ from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
 
 HELD_RAD = 0.20
-"""Expected opening of jaws that have closed on a wall, before they have."""
+"""Expected opening of jaws on a wall, for plans that are made before they close."""
 
 
 class Giver(Side):
@@ -63,7 +63,7 @@ class Giver(Side):
         await self._part(meeting, following, helpers)
 
     def _plan_ahead(self, meeting: HandoverState, helpers: trio.Nursery, approach: Approach) -> None:
-        """Plan, as the approach begins, how to offer the block when it ends, and announce it."""
+        """When an approach begins, plan how to offer the block from where the approach ends, and announce the offer."""
         block = self.table.blocks.get(meeting.goal.source)
         if not self.settings.looks_ahead or block is None:
             return
@@ -82,7 +82,7 @@ class Giver(Side):
     def _find_offering(
         self, q: Joints, T_tip_block: SE3, source: int, held_rad: float | None = None
     ) -> tuple[TimedPath, Offer] | None:
-        """Return how to lift a block and bring it to where it is handed over, and the pose there."""
+        """Return the motion that lifts a block and brings it to the handover, and the offer; None if there is none."""
         geometry, motions = self.geometry(self.arm, self.other, held_rad), self.arm.motions
         offer = geometry.choose_offer(motions.tip(q), T_tip_block)
         if isinstance(offer, str):
@@ -93,7 +93,7 @@ class Giver(Side):
     async def _offer(
         self, meeting: HandoverState, T_tip_block: SE3, following: HandoverState | None, helpers: trio.Nursery
     ) -> bool:
-        """Lift a block and bring it to the handover; on the way, look at the next one."""
+        """Bring a block to the handover, looking at the next one on the way; return False if no motion does it."""
         hand = self.arm.hand
         ready = await self._offering.take()
         if ready is None or not starts_at(ready[0], hand.q):
@@ -120,8 +120,8 @@ class Giver(Side):
     async def _part(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
         """Release a block that the other arm also holds, rise out of it, and go on to the next block, or aside.
 
-        The jaws open as far as round a wall on a peg: of 77 blocks that were given truly less than .05, the rising arm
-        tilted 43 by more than 3 deg in the other's jaws; of 92 given more than .08, 12.
+        The jaws open as wide as for a grasp on a peg. When they truly opened by less than 0.05 rad more, the rising arm
+        tilted 43 of 77 blocks in the other arm's jaws by more than 3 deg; with more than 0.08 rad, 12 of 92.
         """
         await self.arm.open(self.settings.jaw_open_rad)
         meeting.released.set()
@@ -174,7 +174,7 @@ class Giver(Side):
 
         async def part() -> None:
             while self.arm.height_m < risen_m:
-                if ended.is_set():  # it was refused, or stopped
+                if ended.is_set():  # the motion was refused, or stopped
                     return
                 await self.cell.clock.sleep(TICK_S)
             meeting.parted.set()
@@ -190,7 +190,7 @@ class Giver(Side):
                 begun=begun,
                 margin_m=self.settings.meeting_margin_m,
                 contact_s=(0.0, float(times_s[1] - times_s[0])),
-                waits=False,  # leaving again is not checked, because the other arm goes as soon as this one has risen
+                waits=False,  # whether it can leave again is not checked: the other arm goes once this one has risen
             )
         except Blocked:
             self.cell.log.event("parts aside", arm=self.arm.name)

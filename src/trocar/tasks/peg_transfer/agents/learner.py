@@ -22,11 +22,11 @@ from trocar.tasks.peg_transfer.grasps import Grasp
 PLACE_M = (0.0, 0.0, 0.045)
 """Position of the tip in the board's frame while the wrist swings back and forth, clear of pegs and blocks."""
 YAWS_RAD = np.linspace(-1.2, 1.2, 7)
-"""Rotations of a vertical tool, as for grasps; the wrist is turned through all joint values that these need."""
+"""Rotations of a vertical tool, as for grasps; the wrist moves through all joint values that these need."""
 WIDER_RAD = 0.15
 """Extension of these joint ranges at both ends."""
 OPEN_RAD = 0.9
-"""Opening of the jaws meanwhile; their plane shows the roll."""
+"""Opening of the jaws meanwhile: the plane of open jaws shows the roll."""
 
 
 @asynccontextmanager
@@ -46,7 +46,7 @@ async def learning(arms: Sequence[PegArm]) -> AsyncIterator[None]:
 
 
 class Learner:
-    """One arm's looks at its wrist; cables are fitted in the nursery while the arm goes on.
+    """One arm's looks at its wrist; cables are fitted in the nursery while the arm works.
 
     Raises:
         InvalidInput: the robot does not learn.
@@ -94,9 +94,9 @@ class Learner:
         return [SE3.from_parts(middle.rotation @ SO3.axis("z", yaw), PLACE_M) for yaw in YAWS_RAD]
 
     async def look(self, grasp: Grasp, opening_rad: float) -> None:
-        """Look at the wrist over a block, and correct it before the arm goes down; all looks are combined later."""
+        """Look at the wrist over a block and correct it before the arm goes down; then fit the cables to all looks."""
         if not await self.arm.stop_over(grasp, opening_rad):
-            return  # it goes down without a look
+            return  # the arm goes down without a look
         row, q, jaw_rad = *self.robot.moment(self.arm.name), self.hand.jaw_rad
         seen = await self._evaluated(await self.table.capture(self.hand), row, q, jaw_rad, self.arm.T_base_floor)
         if seen is None:

@@ -1,4 +1,4 @@
-"""Where one arm hands a block to another, how both hold it, and what their scripts tell each other meanwhile."""
+"""Handover of a block from one arm to another: where and how both hold it, and the state that their scripts share."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from trocar.tasks.peg_transfer.grasps import YAWS_RAD, Grasp, vertical_grasps, w
 from trocar.tasks.peg_transfer.shapes import Block
 
 ROOM_M = 2.4e-3
-"""Distance between the arms that is enough, so that no tool need turn for more."""
+"""Sufficient distance between the arms: the tool does not turn to gain more."""
 MIN_ROOM_M = 1.0e-3
 """Distance below which they block each other: three of five pairs that came closer could not separate."""
 MAX_ROLL_RAD = np.radians(110.0)
 SHARES = (0.0, 0.5, 1.0)
 """Shares of the receiving arm's way down, and of the giving arm's way up, at which distances are checked."""
 NEAR_M, NEAR_RAD = 4e-3, np.radians(20.0)
-"""Tips this close, seen from above, are at the same wall; turned against each other by less, in the same grasp."""
+"""Tips this close, seen from above, are at the same wall; if their rotations differ by less, it is the same grasp."""
 ASIDE_M = 28e-3
-"""Sideways distance, towards its own side, of an arm that waits for a block or has given one."""
+"""How far towards its own side an arm waits for a block, or goes after it has given one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +62,14 @@ class HandoverGeometry:
     receiver: Partner  # is to take it
     T_world_board: SE3
     block: Block
-    # Where they meet, from where the receiving arm comes down, and how far the giving one rises then.
+    # Meeting point, height from which the receiving arm comes down, height by which the giving arm then rises.
     settings: Settings
 
     def choose_offer(self, T_board_tip: SE3, T_tip_block: SE3) -> Offer | str:
         """Return how to offer a block so that the other arm can take it, or one sentence why that is impossible.
 
-        The tool turns as little as possible from where it is (``T_board_tip``) to leave ``ROOM_M`` between the arms; if
-        that is impossible, to where there is most room.
+        The tool turns as little as possible from its present pose ``T_board_tip`` to leave ``ROOM_M`` between the arms.
+        If no rotation does, the one that leaves the most room is chosen.
         """
         best: Offer | None = None
         now = yaw_of(T_board_tip)
@@ -89,13 +89,13 @@ class HandoverGeometry:
     ) -> Grasp | str:
         """Return the grasp of a block in the other arm's jaws that keeps the arms furthest apart, or why there is none.
 
-        Its ``clearance_m`` is the least distance of the arms on the way down.
+        Its ``clearance_m`` is the least distance between the arms while this one comes down and the other one rises.
 
         Args:
             T_board_block: pose of the block, as it was seen.
-            T_board_giver: of the giving tip, according to its joints.
+            T_board_giver: pose of the giving arm's tip, according to its joints.
             avoid: grasps that have failed.
-            near: the pose of the tip, except for its height, near which the grasp has to be; None: anywhere.
+            near: pose of the tip that the grasp has to be close to, except for the height; None: any grasp.
         """
         best = self._best_grasp(T_board_block, T_board_giver, avoid, near)
         if best is None:
@@ -131,14 +131,14 @@ class HandoverGeometry:
                 taking = capsules(receiver.model, coming[0], receiver.held_rad)
                 both = (lowering, holding), (taking, rising)
                 room = _room_m(both, T_giver_receiver)
-                if best is None or room > best.clearance_m:  # else it need not be known where the guard has the arms
+                if best is None or room > best.clearance_m:  # the guard measures from the registered bases
                     room = min(room, _room_m(both, T_guarded))
                 if best is None or room > best.clearance_m:
                     best = Grasp(pose, coming[0], receiver.open_rad, room, candidate)
         return best
 
     def _joints_above(self, partner: Partner, T_board_tip: SE3, by_m: float) -> NDArray[np.float64] | None:
-        """Return the joints (n, 6) at a pose and at some heights over it, the wrist well within its ranges, or None."""
+        """Return the joints (n, 6) at a pose and at some heights over it; None if they are out of reach."""
         way = []
         for share in SHARES:
             up = SE3.from_parts(T_board_tip.rotation, T_board_tip.translation_m + [0.0, 0.0, share * by_m])
@@ -152,7 +152,7 @@ class HandoverGeometry:
 
 
 def _room_m(pairs: Sequence[tuple[Capsules, Capsules]], T_giver_receiver: SE3) -> float:
-    """Return the least distance of two arms, from solids of the receiving one and the giving one, each in its base."""
+    """Return the least distance within pairs of solids of the receiving and the giving arm, each in its base frame."""
     return min(float(capsule_distances_m(one.moved(T_giver_receiver), other).min()) for one, other in pairs)
 
 
@@ -168,7 +168,7 @@ def _same_grasp(T_board_tip: SE3, T_board_other: SE3) -> bool:
 
 @dataclass(eq=False)
 class HandoverState:
-    """What the two scripts tell each other about one transfer."""
+    """One attempt to hand over a block, as both arms' scripts see it."""
 
     goal: Transfer
     giver: str  # name of the giving arm
@@ -194,7 +194,7 @@ class HandoverState:
         self.announced.set()
 
     def fail(self, outcome: TransferOutcome, reason: str = "") -> None:
-        """End it."""
+        """End this attempt, and wake whoever waits for it; the first outcome counts."""
         if self.outcome is None:
             self.outcome, self.reason = outcome, reason
         for event in (self.announced, self.crowded, self.offered, self.taken, self.released, self.parted):
@@ -218,12 +218,12 @@ class Side:
         await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, contact_s=(0.0, inf))
 
     async def wait_for(self, *events: trio.Event) -> None:
-        """Wait for the other arm: for the first of several events."""
+        """Wait for the other arm, until the first of several events."""
         with self.cell.log.span(self.arm.name, "waiting"):
             await first_of(*events)
 
     def geometry(self, giver: PegArm, receiver: PegArm, held_rad: float | None = None) -> HandoverGeometry:
-        """Return how both arms can hold a block on which the giving one's jaws are closed; None: as far as now."""
+        """Return the geometry of a handover; ``held_rad``: opening of the giving jaws on the block, None: now."""
         held_rad = giver.hand.jaw_rad if held_rad is None else held_rad
         gives, takes = (
             Partner(arm.model, arm.motions.T_world_base, arm.motions.T_world_base_registered, open_rad, held_rad)

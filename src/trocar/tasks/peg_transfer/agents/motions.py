@@ -1,4 +1,4 @@
-"""The motions of one arm over the board, planned ahead from where it rests, or from where it will rest."""
+"""Motions of one arm over the board, planned from where the arm rests or from where it will rest."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ Joints = NDArray[np.float64]
 
 AT_HEIGHT_M = 1e-3
 NEARBY_M = 25e-3
-"""Within this distance, an arm that has risen out of a block goes down again only over its next one."""
+"""An arm that has risen out of a block keeps its height on the way to its next grasp if that is nearer than this."""
 OVER_M = 4e-3
 """An arm whose tip is this close to a grasp horizontally, and higher by more, goes straight down."""
 MAX_TURNED_RAD = 0.15
 """A tool whose rotation differs from the grasp's by more than this is turned before it goes down."""
 CENTRED = 2
-"""Number of shifts of a pose until the hole is where it should be; the second leaves an error of some um."""
+"""Number of iterations that bring a hole to its place; the second leaves an error of some micrometres."""
 LAYERS = 3
-"""Heights at which the sides of a held block are modelled as capsules."""
+"""Number of heights at which the sides of a held block are modelled as capsules."""
 SAME_RAD = 1e-6
 """Joints this close (rad, m) to the planned start count as being there."""
 
@@ -71,11 +71,11 @@ def end_of(path: TimedPath) -> Joints:
 class Motions:
     """Plans the motions of one arm, including their commands.
 
-    All are planned from given joints, so that the next one can be planned while the arm is still on its way there.
+    Each starts from given joints, so it can be planned while the arm is still on its way to them.
 
     Attributes:
-        offset: how far the tip is from where its joints have it.
-        T_world_base_registered: the base as registered, from where the robot's guard measures distances.
+        offset: offset between the tip and its place according to the joints.
+        T_world_base_registered: the base as registered, which the robot's guard uses for distances.
     """
 
     def __init__(self, context: AgentContext, hand: ArmScript, table: Table):
@@ -89,7 +89,7 @@ class Motions:
 
     @property
     def T_world_base(self) -> SE3:
-        """Return the base from which the joints have the tip where looks have found it; at first that as registered."""
+        """Return the base as corrected by ``offset``, so that joints and looks agree; at first as registered."""
         T_world_board, moved = self._table.T_world_board, SE3.from_parts(translation_m=[*self.offset.xy_m, 0.0])
         return T_world_board @ moved @ T_world_board.inverse() @ self.T_world_base_registered
 
@@ -107,7 +107,7 @@ class Motions:
         return ik(self._model, self.T_base_board @ T_board_tip)
 
     def through(self, points: Sequence[Joints], fixed_wrist: bool | None = None) -> TimedPath:
-        """Return a motion through these joints; ``fixed_wrist`` is as in the settings if it is None."""
+        """Return a motion through these joints; ``fixed_wrist``: None for that of the settings."""
         still = self._settings.fixed_wrist if fixed_wrist is None else fixed_wrist
         up, planner = self.T_base_board.matrix[:3, 2], self._planner
         plan = plan_through(self._model, np.array(points), self._limits, up=up, fixed_wrist=still, planner=planner)
@@ -118,7 +118,7 @@ class Motions:
         return _sides(self._table.block).moved(T_tip_block)
 
     def prepared(self, motion: Trajectory) -> Trajectory:
-        """Return a motion whose commands have already been found."""
+        """Let the robot find the commands of a motion in advance; return the motion."""
         self._robot.prepare({self._name: motion})
         return motion
 
@@ -129,9 +129,9 @@ class Motions:
     def clear(self, q: Joints, T_tip_block: SE3, peg: int, height_m: float, placed: float | None = None) -> Joints:
         """Return joints that put the tip at another height, and the hole of the block in its jaws over a peg.
 
-        The middle of the hole's lower end, which passes the peg's top, is brought over the peg. When a block is placed,
-        it is a part of the hole that leaves room for the inner finger: ``placed`` is its position as a share of the
-        hole's depth, from the block's top face.
+        By default, the hole's lower end, which passes the peg's top, is centred on the peg. To place a block, give
+        ``placed``, a share of the hole's depth from the block's top face: the hole's middle at this depth is brought to
+        where ``hole_over`` leaves room for the inner finger.
         """
         part, foot_m = 1.0 if placed is None else placed, self._table.board.pegs_m[peg]
         goal, depth_m = raised(self.tip(q), height_m), [0.0, 0.0, part * self._table.block.height_m]
@@ -144,7 +144,7 @@ class Motions:
         return self._moved(q, goal)
 
     def _moved(self, q: Joints, T_board_tip: SE3) -> Joints:
-        """Return joints that put the tip at the position of a pose, with the wrist still or turned as in the pose."""
+        """Return joints that put the tip at a pose; with ``fixed_wrist``, only at its position, the wrist still."""
         if self._settings.fixed_wrist:
             with suppress(OutOfReach):
                 return ik_with_fixed_wrist(self._model, q, self.T_base_board.apply(T_board_tip.translation_m))
@@ -162,7 +162,7 @@ class Motions:
     ) -> Approach:
         """Return how to travel over the pegs, then down round the wall of a block.
 
-        First up by ``rise_m``, and, if it is given, there sideways by ``aside_m`` along the board's x.
+        The arm first goes up by ``rise_m`` and, if ``aside_m`` is given, then sideways by it along the board's x.
         """
         tip, over_m, first = self.tip(q), self._settings.clear_height_m, self.risen(q)
         off = tip.translation_m - grasp.T_board_tip.translation_m
@@ -197,8 +197,8 @@ class Motions:
         Args:
             q: (6,) joints with the block in the jaws.
             T_tip_block: pose of the block there.
-            source: peg on which it stands still; None: it is in the air.
-            target: peg.
+            source: peg on which it still stands; None: it is in the air.
+            target: peg to which it goes.
         """
         settings, board, block = self._settings, self._table.board, self._table.block
         tip, beside = self.tip(q), {peg: pose for peg, pose in self._table.blocks.items() if peg != source}
@@ -232,7 +232,7 @@ class Motions:
         return self.through([q, over, down])
 
     def _over(self, q: Joints, T_tip_block: SE3, peg: int | None, height_m: float) -> Joints:
-        """Return joints above those that hold a block round a peg: straight up, or so that a still wrist clears it."""
+        """Return joints at a height above those that hold a block round a peg, such that the block clears the peg."""
         if not self._still_when_placing:
             return self.ik(raised(self.tip(q), height_m))
         return self.above(q, height_m) if peg is None else self.clear(q, T_tip_block, peg, height_m)
@@ -242,11 +242,11 @@ class Motions:
         return self.through([*self.risen(q), self.ik(T_board_tip)])
 
     def hovering(self, q: Joints, T_board_tip: SE3, height_m: float) -> TimedPath:
-        """Return how to travel over the pegs, then down to another height over a pose."""
+        """Return how to travel over the pegs, then down to a height over a pose."""
         below, first = self.ik(T_board_tip), self.risen(q)
         over, down = (self.above(below, height) for height in (self._settings.clear_height_m, height_m))
         if np.linalg.norm(self.tip(first[-1]).translation_m - self.tip(over).translation_m) < AT_HEIGHT_M:
-            return self.through([*first, down])  # it is over it already
+            return self.through([*first, down])  # the arm is over the pose already
         return self.through([*first, over, down])
 
     def offering(self, q: Joints, T_tip_block: SE3, source: int, T_board_tip: SE3) -> TimedPath:

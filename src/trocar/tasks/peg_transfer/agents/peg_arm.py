@@ -1,4 +1,4 @@
-"""What one arm can do with blocks: grasp, carry, place, let go, retreat. All agents' scripts use this."""
+"""Actions of one arm with blocks, for the scripts of all agents: grasp, carry, place, let go, retreat."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.trajectory import Trajectory
 
 JAW_SLACK_RAD = 0.01
-"""Jaws that stay this close to their least opening were blocked by something other than a wall. Of 560 closings in ten
-sessions, the thickest walls stopped the jaws at .295."""
+"""Jaws that stall this close to ``release_rad`` were blocked by something other than a wall. Of 560 closings in ten
+sessions, the thickest walls stopped the jaws at 0.295 rad."""
 LETS_GO_RAD = 0.14
-"""Additional opening, by the encoder, to release a wall. Of 95 blocks, 13 went up again with the arm, all in jaws that
-had truly opened by less than .07 more. Cables absorb .03."""
+"""Additional opening, as read by the encoder, that releases a wall. Of 95 blocks, 13 went up again with the arm, all in
+jaws that had truly opened by less than 0.07 rad more. Cables absorb 0.03 rad."""
 MOST_RELEASE_RAD = 0.46
-"""Widest opening to release a block that was taken from the other arm, by whichever wall the room beside its jaws left.
-Of 357 such blocks 16 were truly given less than .085 more, and three of these went up again with the arm."""
+"""Widest opening to release a block that was taken from the other arm, whose jaws left little choice of walls. On 16 of
+357 such blocks the jaws truly opened by less than 0.085 rad more; three of these went up again with the arm."""
 BESIDE_M = 0.035
 """Blocks on pegs this close to a target are considered when a place is chosen there."""
 PAUSE_S = 0.3
-"""An arm that cannot leave waits so long before it tries again."""
+"""Pause of an arm that cannot leave, before it tries again."""
 AT_HOME = 1e-6
 OVER_PEGS_M = 2e-3
 """Height over the pegs' tops at which the tip stops for a look before it goes down; changes of the cables' errors below
 it are not seen."""
 FLOOR_M = 0.7e-3
-"""Points seen there less than this above the pegs do not belong to the instrument."""
+"""In such a look, points less than this above the pegs do not belong to the instrument."""
 
 
 class PegArm:
@@ -55,13 +55,13 @@ class PegArm:
         table: board and blocks.
         coordinator: admits all motions.
         motions: plans its motions.
-        home: (6,) where the arm is out of the camera's view.
+        home: (6,) joints at which the arm is out of the camera's view.
         goals: all transfers of the trial, of this arm and of others.
         hands_over: whether it grasps blocks so that another arm can take them.
         eyes: look at blocks for it.
         before_descent: called with a grasp and the jaws' opening before the arm goes down to it; None: nothing is done.
         after_release: called when it has released a block; None: nothing is done.
-        bound_for: (6,) where the motion that it runs, or ran last, ends.
+        bound_for: (6,) joints at the end of its present or last motion.
         stopped: whether it failed to reach the end of a motion, and is not used again.
     """
 
@@ -93,7 +93,7 @@ class PegArm:
         return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
 
     def learn_offset(self, off_m: NDArray[np.float64]) -> None:
-        """Learn from a block in these jaws that was seen (2,) off where it was expected, in the board's axes."""
+        """Learn the tip's offset from a block in the jaws, seen ``off_m`` (2,) from its expected place on the board."""
         across = self.T_board_tip.matrix[:2, 0]
         self.motions.offset.learn(across / np.linalg.norm(across), off_m)
         self._moved_by_offset()
@@ -104,7 +104,7 @@ class PegArm:
 
     @property
     def T_base_floor(self) -> SE3:
-        """Return the plane, z up, above which nothing but instruments is seen of an arm that stopped over a grasp."""
+        """Return the pose of a plane, z up, above which a look over the pegs shows only instruments."""
         height_m = self.table.board.peg_height_m + FLOOR_M
         return self.motions.T_base_board @ SE3.from_parts(translation_m=[0.0, 0.0, height_m])
 
@@ -122,7 +122,7 @@ class PegArm:
         return True
 
     async def look_at_tip(self, grasp: Grasp) -> None:
-        """Look at the jaws over a block that they missed, and learn how far the tip is from where its joints have it.
+        """Look at the jaws over a block that they missed, and learn the tip's offset.
 
         Nothing is learned if the arm cannot stop there, or is not seen.
         """
@@ -189,7 +189,7 @@ class PegArm:
             await self.move(path.trajectory)
 
     async def grip(self, T_tip_block: SE3) -> bool:
-        """Close the jaws; return whether they hold something: a block, which is expected there."""
+        """Close the jaws; return whether they hold something, which is taken to be the block at ``T_tip_block``."""
         await self.hand.jaw(self.settings.jaw_closed_rad)
         self.coordinator.carry(self.name, self.motions.held(T_tip_block) if self.holds else None)
         return self.holds
@@ -210,7 +210,7 @@ class PegArm:
         ready: Carriage | None = None,
         begun: Callable[[Carriage], None] | None = None,
     ) -> SE3 | None:
-        """Lift, travel, lower; return where the block should be now, or None if no pose is in reach.
+        """Lift a block, travel and lower it; return where it should be now, or None if no pose is in reach.
 
         ``ready`` is the motion, if already planned; it is planned again if it no longer fits. ``begun`` is called with
         the motion when it begins.
@@ -290,7 +290,7 @@ class PegArm:
         return [self.settings.margin_m] + [self.settings.min_margin_m] * self.settings.detours
 
     async def give_way(self) -> None:
-        """Leave room for the other arm: go home, or at least rise; wait if neither is possible, or with a block."""
+        """Make room for the other arm: go home, or at least rise; wait if the arm can do neither, or holds a block."""
         self.cell.log.event("gives way", arm=self.name)
         for leave in () if self.coordinator.carries(self.name) else (self.go_home, self.retreat):
             try:
@@ -314,7 +314,7 @@ class PegArm:
         """Run a motion as soon as the other arm leaves room for it, and meanwhile drive the jaws.
 
         Args:
-            motion: from where the arm is at rest.
+            motion: starts where the arm is at rest.
             begun: called when it begins.
             jaw_rad: opening of the jaws once the arm has risen over the pegs; None: as they are.
             margin_m: to keep to the other arm; None: the default.
@@ -362,7 +362,7 @@ class PegArm:
         await self.hand.drive_jaw(jaw_rad)
 
     async def _run(self, motion: Trajectory) -> MotionResult | MotionRefused:
-        """Run an admitted motion; return why the robot refuses to start it, if it does."""
+        """Run an admitted motion; return its result, or the refusal if the robot does not start it."""
         try:
             return await self.coordinator.run(self.name, motion)
         except MotionRefused as error:

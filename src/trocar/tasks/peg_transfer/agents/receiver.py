@@ -21,9 +21,9 @@ from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, held_block, yaw_of
 
 UPRIGHT = 0.999
-"""Tools whose z has such a share along the board's are vertical."""
+"""A tool is vertical if the cosine of the angle between its z and the board's is above this."""
 THIN_RAD = 0.17
-"""Openings round a wall below this are suspicious: 1 % of walls are that thin."""
+"""Jaws that close to less than this are suspicious: only 1 % of walls are that thin."""
 MAX_THINNER_RAD = 0.06
 """If such jaws close this much further than the other arm's on the same block, they hold only the edge of a wall: of
 612 blocks four were taken like that, and three of these were lost."""
@@ -67,7 +67,7 @@ class Receiver(Side):
             await self.wait_for(meeting.offered)
 
     async def _wait_beside(self) -> None:
-        """Go to this arm's side of the handover place, and higher."""
+        """Go to a place beside the handover, on this arm's side and higher."""
         x, y, z = self.settings.meeting_m
         tip_m = z + self.table.block.height_m - self.settings.depth_m
         beside = [x + self.own_side * ASIDE_M, y, tip_m + self.settings.waits_above_m]
@@ -76,7 +76,7 @@ class Receiver(Side):
         await self.arm.go_over(SE3.from_parts(SO3.axis("z", yaw_rad), beside))
 
     async def _wait_above(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
-        """Go above the grasp expected from the giving arm's announcement; look as soon as it is there."""
+        """Go above the grasp expected from the giving arm's announcement; look as soon as the block is offered."""
         avoid: list[int] = []
         ready = await self._coming.take()
         for _ in range(1 + self.settings.detours):
@@ -99,7 +99,7 @@ class Receiver(Side):
         self.cell.log.event("waits beside", arm=self.arm.name)
 
     def plan_ahead(self, path: TimedPath, meeting: HandoverState, helpers: trio.Nursery) -> None:
-        """While the arm is on its way, plan how to get above the next block from there, if it is known by then."""
+        """During a motion, plan how to get from its end above the next block, if that is announced by then."""
 
         async def plan() -> Coming | None:
             with trio.move_on_after(path.trajectory.duration_s):
@@ -111,13 +111,13 @@ class Receiver(Side):
         self._coming.start(helpers, plan)
 
     def _begin_to_look(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
-        """Look at the block as soon as it is offered, if the settings say so and this was not begun before."""
+        """Look at the block as soon as it is offered, if the settings say so, and only once for each offer."""
         if self.settings.looks_ahead and self._expected is not meeting:
             self._expected = meeting
             self._looked.start(helpers, partial(self._look_ahead, meeting))
 
     async def _look_ahead(self, meeting: HandoverState) -> tuple[SE3, Coming | None] | None:
-        """Look at the block as soon as it is held still; plan the descent from where this arm's motion ends."""
+        """Look at the block as soon as it is offered; plan the descent from where this arm's motion ends."""
         await meeting.offered.wait()
         if meeting.outcome is not None or meeting.T_board_block is None:
             return None
@@ -132,7 +132,7 @@ class Receiver(Side):
         return None if grasp is None else Coming(self.arm.motions.over(q, self._above(grasp)), grasp)
 
     def _find_descent(self, q: Joints, T_board_block: SE3, avoid: list[int]) -> Coming | None:
-        """Return how to get to the block: straight down if the arm is above a grasp, else from above another."""
+        """Return how to get to the block: straight down if the arm is above a grasp, else from above another one."""
         motions, other = self.arm.motions, self.other.T_board_tip
         grasp = self._grasp(T_board_block, other, avoid, near=motions.tip(q))
         if grasp is not None:
@@ -183,14 +183,14 @@ class Receiver(Side):
         return None
 
     def _holds_a_wall(self) -> bool:
-        """Return whether this arm's jaws hold about as much as the other's, which have closed on the same block."""
+        """Return whether the jaws hold a whole wall, judged by the opening of the other jaws on the same block."""
         held_rad = self.arm.hand.jaw_rad
         return held_rad > THIN_RAD or held_rad > self.other.hand.jaw_rad - MAX_THINNER_RAD
 
     async def _come(self, T_board_block: SE3, failed: list[int], ready: Coming | None) -> Grasp | None:
-        """Descend from above with open jaws, round a wall of the block that the other arm holds.
+        """Descend with open jaws round a wall of the block that the other arm holds; return the grasp.
 
-        If no grasp can be reached from here, the last try is made from home.
+        If the other arm is in the way of each try, the last one is made from home.
         """
         avoid = list(failed)
         for attempt in range(1 + self.settings.detours):

@@ -1,4 +1,4 @@
-"""What the camera tells about the board and its blocks: shared by all arms, and for one arm's grasps."""
+"""What the camera shows: board and blocks, shared by all arms, and one arm's looks at blocks."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Table:
         return image
 
     async def find_board(self, hand: ArmScript) -> bool:
-        """Register the board once, since it does not move in a trial; return whether two looks at most found it."""
+        """Find the board, which does not move in a trial, in at most two images; return whether it was found."""
         guess, found = self.cell.T_world_fixture["board"], ""
         for _ in range(BOARD_LOOKS):
             image = await self.capture(hand)
@@ -71,10 +71,7 @@ class Table:
         return self.see.find_block(image, self.T_camera_board, self.board, self.block, peg)
 
     async def check(self, hand: ArmScript) -> bool:
-        """Look whether the blocks are where they were set down; return whether all are, and were seen.
-
-        Blocks that were picked again were checked then.
-        """
+        """Look whether the blocks are where they were set down; return whether all of them were seen there."""
         image = await self.capture(hand)
         pegs = sorted(self.blocks)
         found = await hand.compute(
@@ -87,7 +84,7 @@ class Table:
         return not missing
 
     def saw(self, image: RgbdImage, rims_m: Mapping[str, NDArray[np.float64]]) -> None:
-        """Note what an image shows, for whoever watches: lines (n, 3) in the board's frame."""
+        """Note what an image shows, for viewers: lines (n, 3) in the board's frame."""
         self.cell.log.saw(self._name, image, {name: self.T_camera_board.apply(rim) for name, rim in rims_m.items()})
 
 
@@ -98,11 +95,11 @@ class Eyes:
         self.arm, self.table, self.settings = arm, arm.table, arm.settings
 
     async def see(self, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
-        """Look at a peg; return how to grasp its block, avoiding grasps that have failed, or why it cannot be."""
+        """Look at a peg; return how to grasp its block, avoiding grasps that have failed, or why that is impossible."""
         return await self.look(await self.table.capture(self.arm.hand), source, failed)
 
     async def look(self, image: RgbdImage, source: int, failed: Sequence[int] = ()) -> Grasp | TransferOutcome:
-        """Return how to grasp the block on a peg in an image, avoiding grasps that have failed, or why it cannot be."""
+        """Return how to grasp the block on a peg in an image, as ``see`` does."""
         seen = await self._perceive(lambda: self._plan_grasp(image, source, failed))
         if source in self.table.blocks:
             rim_m = self.table.blocks[source].apply(self.table.block.rim_m)
@@ -135,9 +132,9 @@ class Eyes:
         return grasp if isinstance(grasp, Grasp) else (grasp, TransferOutcome.OUT_OF_REACH)
 
     async def see_held(self, holder: PegArm, T_board_expected: SE3) -> SE3 | None:
-        """Look at a block in an arm's jaws, near where its joints have it; return its pose, nearly upright, or None.
+        """Look at a block in an arm's jaws, near its expected pose; return its pose in the board's frame, or None.
 
-        What the holding arm is off by is learned, if the settings say so.
+        With ``learns_offset``, the offset of the holding arm is learned from it.
         """
         image, table = await self.table.capture(self.arm.hand), self.table
         found = await self._perceive(
@@ -152,7 +149,7 @@ class Eyes:
         return found
 
     async def see_own(self, T_tip_block: SE3) -> SE3:
-        """Look at the block in this arm's jaws; return its pose there, or the expected one if it is not seen."""
+        """Look at the block in this arm's jaws; return its pose there, or the given one if it is not seen."""
         expected = self.arm.T_board_tip @ T_tip_block
         seen = await self.see_held(self.arm, expected)
         if seen is None:

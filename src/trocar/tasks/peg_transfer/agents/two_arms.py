@@ -28,14 +28,14 @@ AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.D
 
 
 class TwoArms(ABC):
-    """What the scripts with two arms share.
+    """Base of the agents with two arms.
 
     Attributes:
-        left: the arm whose base is further left, seen from the camera.
+        left: the arm whose base is further left, as seen by the camera.
         right: the other.
         table: board and blocks, as both know them.
         coordinator: of both arms.
-        looks: at the first blocks, while the arms are still waking.
+        looks: functions that look at the first blocks while the wrists are exercised.
     """
 
     def __init__(self, context: AgentContext):
@@ -88,7 +88,7 @@ class Bilateral(TwoArms):
 
 
 class Handover(TwoArms):
-    """Both arms have a list of jobs: give, or receive. The next block is picked while this one is placed."""
+    """Each arm has a list of jobs: give or receive. The next block is picked while the previous one is placed."""
 
     def __init__(self, context: AgentContext):
         super().__init__(context)
@@ -121,7 +121,7 @@ class Handover(TwoArms):
             if not gives:
                 outcome = ended.outcome or TransferOutcome.DONE
                 if outcome is TransferOutcome.NO_BLOCK and rounds[0].outcome is TransferOutcome.DROPPED:
-                    outcome = TransferOutcome.DROPPED  # and it has not slipped back to its peg
+                    outcome = TransferOutcome.DROPPED  # the block has not slipped back to its peg
                 now_s = turns[arm.name][1]
                 until_now = {name: (start_s, min(end_s, now_s)) for name, (start_s, end_s) in turns.items()}
                 script.note(ended.goal, rounds[0].start_s, outcome, ended.reason, until_now)

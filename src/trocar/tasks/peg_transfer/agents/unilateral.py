@@ -1,4 +1,4 @@
-"""The script of one arm with its own transfers: alone, or beside another arm that does others (paper, section IV)."""
+"""The script of one arm that does its own transfers, alone or beside another arm (paper, section IV)."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from trocar.tasks.peg_transfer.grasps import Grasp
 
 
 async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[], Awaitable[None]]]) -> bool:
-    """Wake the arms and find the board; return whether it was there.
+    """Exercise the arms' wrists and find the board; return whether it was found.
 
-    If the settings say so, it and the first blocks (``looks``) are looked at while the arms, out of the camera's view,
-    are still waking.
+    With ``looks_ahead``, the board and the first blocks (``looks``) are looked at during the exercise, while the arms
+    are out of the camera's view.
     """
     wakes, hand = [arm.exercise_wrist for arm in arms], arms[-1].hand
     if not table.settings.looks_ahead:
@@ -46,9 +46,9 @@ async def begin(table: Table, arms: Sequence[PegArm], looks: Sequence[Callable[[
 
 
 async def finish(table: Table, arm: PegArm) -> None:
-    """Let the last arm go home, if it can, and look whether the blocks are where they were set down.
+    """Let the last arm go home, if it can, and check that the blocks are where they were set down.
 
-    If the settings ask for it, the image is taken half-way; what the arm hid then is checked when it is home.
+    With ``looks_ahead``, the image is taken on the way; if it does not show all blocks, another is taken at home.
     """
 
     async def script(helpers: trio.Nursery) -> bool | None:
@@ -70,7 +70,7 @@ async def finish(table: Table, arm: PegArm) -> None:
 
 
 async def withdraw(arm: PegArm, begun: Callable[[TimedPath], None] | None = None) -> None:
-    """Let an arm that has nothing to do leave the board, if it can; note it if it cannot."""
+    """Let an idle arm leave the board, or note why it cannot."""
     try:
         await arm.go_home(begun)
     except (Blocked, ArmStopped) as error:
@@ -78,7 +78,7 @@ async def withdraw(arm: PegArm, begun: Callable[[TimedPath], None] | None = None
 
 
 HOLDS, LEFT_SOURCE = 0.5, 1.0
-"""Steps of a transfer at which two arms keep pace, as shares of it."""
+"""Steps at which two arms wait for each other, as shares of a transfer: the block is held; it leaves its source."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +95,10 @@ class OneArm:
     """One arm's script: its transfers one after the other.
 
     Attributes:
-        arm: what it can do.
-        table: what it knows of the board.
+        arm: the arm and its actions.
+        table: board and blocks, as last seen.
         goals: its transfers.
-        beside: whether another arm works here too; it keeps pace with that one.
+        beside: whether another arm works here too, with which this one keeps pace.
         seen: the next block, if it was looked at beforehand.
     """
 
@@ -108,7 +108,7 @@ class OneArm:
         self.seen: Pending[Seen] = Pending()
 
     async def transfer_all(self) -> None:
-        """Do all transfers; an arm that stopped does no more."""
+        """Do all transfers; if the arm stops, note the rest as failed."""
         for number in range(len(self.goals)):
             start_s = self.cell.clock.now_s()
             reason = ""
@@ -136,7 +136,7 @@ class OneArm:
         reason: str = "",
         turns: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        """Note how a transfer ended, and when each arm began and ended its part of it; None: this arm did it alone."""
+        """Note how a transfer ended; ``turns``: begin and end of each arm's part, None if this arm did it alone."""
         turns = {self.arm.name: (start_s, self.cell.clock.now_s())} if turns is None else turns
         self.cell.log.event(
             "transfer",
@@ -157,15 +157,15 @@ class OneArm:
             self.seen.put(Seen(source, grasp, None) if isinstance(grasp, Grasp) else None)
 
     def look_ahead(self, helpers: trio.Nursery, path: TimedPath, goal: Transfer | None, rise_m: float = 0.0) -> None:
-        """If it may, look at the next transfer's block while the arm moves, and plan the approach from there."""
+        """Look at the next transfer's block while the arm moves, if the settings say so, and plan how to get there."""
         if self.settings.looks_ahead and goal is not None:
             self.seen.start(helpers, partial(self._look_on_the_way, path, goal.source, rise_m))
 
     async def _look_on_the_way(self, path: TimedPath, source: int, rise_m: float) -> Seen | None:
-        """Look at a block on the way, and plan the approach from its end, first up by ``rise_m``.
+        """Look at a block during a motion, and plan the approach from the motion's end, first up by ``rise_m``.
 
-        The newest image is taken when the arm is over its target. If it does not show the block, an earlier one may, in
-        which no arm was in front of it.
+        Three images are taken, the last one when the arm is over its target. If an arm hides the block in the last one,
+        an earlier one may show it.
         """
         clock, hand, begin_s = self.cell.clock, self.arm.hand, self.cell.clock.now_s()
         over = -1 if self.settings.looks_before_placing else -2
@@ -190,10 +190,9 @@ class OneArm:
             await self.arm.coordinator.wait_for_others(self.arm.name, step, self.settings.pace_s)
 
     async def _transfer(self, number: int, helpers: trio.Nursery) -> TransferOutcome:
-        """Move one block; every way in which this can end is an outcome.
+        """Move one block and return the outcome.
 
-        A block that was lost on its way is searched for at its source, to which it slips back if it is lost during the
-        lift.
+        A block that was dropped is searched for at its source, to which it slips back if it is lost during the lift.
         """
         goal, outcome = self.goals[number], TransferOutcome.BLOCKED
         await self._keep_pace(number - 1 + LEFT_SOURCE)
@@ -241,7 +240,7 @@ class OneArm:
     async def deliver(
         self, T_tip_block: SE3, target: int, ready: Carriage | None, begun: Callable[[Carriage], None]
     ) -> TransferOutcome:
-        """Carry a block to its target, where the jaws still hold it if the outcome is DONE."""
+        """Carry a block to its target; if the outcome is DONE, the jaws still hold it there."""
 
         def begins(carriage: Carriage) -> None:
             self.table.blocks[target] = carriage.T_board_placed
@@ -257,12 +256,12 @@ class OneArm:
         return TransferOutcome.DONE
 
     async def before_release(self, goal: Transfer) -> None:
-        """Hook for agents when a block is at its target, still in the jaws; does nothing here."""
+        """Do nothing: a hook for other agents, called when a block is at its target and still in the jaws."""
 
     def _plan_carriage(
         self, goal: Transfer, carriage: Pending[Carriage], helpers: trio.Nursery, approach: Approach
     ) -> None:
-        """Plan, as the approach begins, how to carry the block from where it ends."""
+        """When an approach begins, plan how to carry the block from where the approach ends."""
         block = self.table.blocks.get(goal.source)
         if not self.settings.looks_ahead or block is None:
             return
@@ -311,7 +310,7 @@ class OneArm:
 
 
 class Unilateral(OneArm):
-    """One arm, one block after the other."""
+    """One arm that moves one block after the other."""
 
     def __init__(self, context: AgentContext):
         table = Table(context)
