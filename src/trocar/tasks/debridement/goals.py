@@ -1,4 +1,4 @@
-"""The fragments' goals, what is known of the work surface beforehand, and how handling a fragment ends."""
+"""Goals of debridement, what is known of the work surface beforehand, and outcomes of handling a fragment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trocar.cell import Outcome
 
 
 class Clearing(NamedTuple):
-    """One goal: one more fragment is to rest in the receptacle; number 0 is the first cleared, whichever that is."""
+    """One goal: one more fragment rests in the receptacle. Number 0 is the first one cleared, whichever it is."""
 
     number: int
 

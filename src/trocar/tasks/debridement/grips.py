@@ -1,4 +1,4 @@
-"""Each closing of jaws on fragments, and what happened to what they held, from the truth alone."""
+"""Closings of jaws on fragments, and what happened to the fragments they held, from the truth alone."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ from trocar.tasks.debridement.goals import FragmentOutcome
 from trocar.tasks.debridement.truth import DebridementTruth
 
 CLOSING_RAD = 0.15
-"""Jaws that close by less have only trembled: .15 rad are 3 mm at the fingers' ends, half of the smallest fragment."""
+"""Jaws that close by less have only trembled: this is 3 mm at the fingers' ends; fragments are 8 mm wide or more."""
 ENOUGH_RAD = 0.02
 """Jaws have closed when they are this close to their final opening; foam under the teeth creeps by a hundredth."""
 STALL_S = 0.3
 """Jaws that have not moved for this long have stopped; commands that close them in steps come more often."""
 RISEN_M = 0.005  # a closing is over when the jaws have risen this far; later actions are in the air
 NEAR_TABLE_M = 0.030
-"""Jaws that close higher above the surface than this cannot reach a fragment, which is 9 mm high at most: the
+"""Jaws that close higher above the surface than this cannot reach a fragment, which is 12 mm high at most: the
 controlled point is 10 mm behind the fingers' ends, and open jaws close downwards by 4 mm."""
 GRIP_S = 0.2
-"""Once closed, the jaws are judged for this long: foam that squirts out is gone by then, and no arm has risen by 10 mm,
-at 5 cm/s."""
+"""Once closed, the jaws are judged for this long: foam that squirts out is gone by then, and no arm has risen by more
+than 10 mm, at 5 cm/s."""
 FLICKER_S = 0.1  # a grip that opens for less was not lost, since contacts flicker for single ticks
 LIFTED_M = 0.030
-"""Lost before the jaws have risen this far: a pickup failure; later: dropped on the way. The paper lifts by 50 mm, and
-from 30 mm on nothing that stays on the surface can hold a fragment back."""
+"""A loss before the jaws have risen this far is a pickup failure, a later one a drop on the way. The paper lifts by
+50 mm; from 30 mm on nothing that stays on the surface can hold a fragment back."""
 BESIDE_M = 0.040
 """Jaws that open within this distance of the receptacle were aimed at it: their pose is off by 38 mm at worst."""
 CARRIED_M = 0.020
-"""And only if they moved this far, seen from above: jaws that open where they closed put the fragment back."""
+"""They count as aimed at it only if they moved this far, seen from above: jaws that open where they closed put the
+fragment back."""
 REST_S = 0.5  # a free fragment is judged after this time: it falls 10 cm in .14 s, and then it may roll
 
 
@@ -56,10 +57,10 @@ def closings_of(truth: DebridementTruth) -> list[Closing]:
 def loss(
     truth: DebridementTruth, closing: Closing, fragment: int, announced: bool
 ) -> tuple[FragmentOutcome | None, int]:
-    """Return how a fragment that was gripped was lost, and the row at which it left the jaws.
+    """Return how a gripped fragment was lost, and the row at which it left the jaws.
 
-    None if it was delivered, put back where it lay, or kept to the end. Whether the agent announced a release over the
-    receptacle only distinguishes a regrasp from a release far beside the receptacle.
+    None if it was delivered, put back where it lay, or kept to the end. ``announced``: whether the agent announced a
+    release; this only distinguishes a regrasp from a release far beside the receptacle.
     """
     held = truth.held_by[closing.arm][:, fragment]
     tip = truth.T_world_tips[closing.arm].translation_m
@@ -97,6 +98,7 @@ def legs(jaw_rad: NDArray[np.float64]) -> list[tuple[int, int]]:
 
 
 def _of_arm(truth: DebridementTruth, arm: str) -> list[Closing]:
+    """Return the closings of one arm near the work surface, in order of time."""
     jaw, tip, found = truth.jaw_rad[arm], truth.T_world_tips[arm].translation_m, []
     for (start, low), (following, _) in pairwise([*legs(jaw), (len(jaw) - 1, 0)]):
         stop = next((row for row in _stalls(truth, jaw, start, low) if _at_work(truth, tip[row])), None)
@@ -122,7 +124,7 @@ def _at_work(truth: DebridementTruth, tip_m: NDArray[np.float64]) -> bool:
 
 
 def _stalls(truth: DebridementTruth, jaw: NDArray[np.float64], start: int, low: int) -> list[int]:
-    """Return the rows of a closing at which the jaws came to a stop; they close further if they lose what they hold."""
+    """Return the rows of a closing at which the jaws stopped; they close further if they lose what they hold."""
     later = np.minimum(np.arange(start, low + 1) + _rows(truth, STALL_S), low)
     still = (jaw[start] - jaw[start : low + 1] > CLOSING_RAD) & (jaw[start : low + 1] - jaw[later] < ENOUGH_RAD)
     begins = np.flatnonzero(still & ~np.append(False, still[:-1]))
@@ -142,7 +144,7 @@ def _left(truth: DebridementTruth, held: NDArray[np.bool_], closing: Closing) ->
 def _landed(truth: DebridementTruth, closing: Closing, fragment: int, left: int) -> FragmentOutcome | None:
     """Return how a release at the receptacle failed, judged once no finger has touched the fragment for a while.
 
-    A charged one may cling to a finger for longer, touching it now and then.
+    A charged fragment may cling to a finger for longer, touching it now and then.
     """
     touched = np.flatnonzero(truth.touched_by[closing.arm][left:, fragment])
     begins = left + np.append(0, touched + 1)

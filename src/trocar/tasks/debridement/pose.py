@@ -1,4 +1,4 @@
-"""Where the gripper really is, from kinematics at all times and detections now and then (Kehoe 2014, V-A.2)."""
+"""Estimators of a gripper's true pose, from kinematics and occasional detections (Kehoe 2014, V-A.2)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PoseEstimator(Protocol):
     foresees: bool
 
     def learn(self, T_base_kinematic: SE3, T_base_detected: SE3) -> None:
-        """Learn from a detected pose and the kinematic pose of the same moment, later than the ones before."""
+        """Learn from the detected and the kinematic pose of one moment; call it in order of time."""
         ...
 
     def estimate(self, T_base_kinematic: SE3) -> SE3:
@@ -50,13 +50,12 @@ SHARE = 0.5  # each detection adjusts by this share of the way to the exact adju
 class PaperAdjustment:
     """Extends the last detection by the kinematic increment between two adjustments (Kehoe 2014, V-A.2).
 
-    ``dT_c = L dT_K R``, with increments ``dT = T_before^-1 T_after``. Each detection updates L or R in turn, half-way
-    to what would make the increment since the detection before exact. In print the update of R inverts the detected
-    increment in place of the kinematic one; ``R = (L dT_K)^-1 dT_c`` solves the paper's equation 1.
+    ``dT_c = L dT_K R``, with increments ``dT = T_before^-1 T_after``. Detections update L and R in turn, half-way to
+    the value that makes the increment since the previous detection exact. The paper prints an update of R that inverts
+    the detected increment instead of the kinematic one; ``R = (L dT_K)^-1 dT_c`` solves its equation 1.
 
-    It holds only locally, as the paper notes: a path of centimetres is rotated by the orientation error. And it is
-    meant for the time between detections: ``L R`` is not the identity, so an arm at rest is taken to be where it was
-    detected.
+    The adjustment holds only locally, as the paper notes: a path of centimetres is rotated by the orientation error.
+    ``L R`` is not the identity, so an arm at rest is taken to be where it was last detected.
     """
 
     foresees = False
@@ -101,14 +100,14 @@ FIELD_SD = np.array([0.04, 0.04, 0.007, 0.1, 0.1, 0.1])
 """SD of the part of a joint's error that changes with position, rad and m: 7 mm at 17 cm, the error of the recorded
 Raven after a rigid fit (``facts/debridement.md``)."""
 CONSTANT, HYSTERESIS, NOISE = 3.0, 0.12, 0.08
-"""Standard deviations of the other parts as shares of it: the constant (38 mm and 24.5 deg in the recording), the part
-that depends on the path, and a detection's noise (.5 mm, .5 deg: see the stereo benchmark)."""
+"""SD of the other parts as shares of ``FIELD_SD``: the constant (38 mm and 24.5 deg in the recording), the part that
+depends on the path, and a detection's noise (0.5 mm, 0.5 deg: see the stereo benchmark)."""
 LENGTH = np.array([0.30, 0.30, 0.07, 1.0, 1.0, 1.0])
 """Length scales of the field in the joints, rad and m: 5 to 7 cm for the outer joints (assumed)."""
 FORGETS = 0.5  # travel, in these lengths, over which the path-dependent part changes
 APART, MOST = 0.2, 250
-"""Detections are kept this far apart along the path, in lengths, and only this many of the newest; six fragments of one
-arm leave about as many."""
+"""Spacing along the path (in lengths) of the detections that are kept, and how many of the newest are kept: about as
+many as one arm collects with six fragments."""
 GATE = float(chi2.ppf(0.999, 6))  # squared Mahalanobis distance that one in a thousand good detections exceeds
 SLIPPED = 5  # after this many surprises in a row a cable has slipped, and everything learned before is forgotten
 
@@ -116,8 +115,8 @@ SLIPPED = 5  # after this many surprises in a row a cable has slipped, and every
 class ErrorField:
     """Estimates the joints' errors by a Gaussian process over the joints, so it remembers the errors at a place.
 
-    An encoder at the motor does not see what the cables do between it and the joint, which depends on where the joints
-    are, a little on how they got there, and not on time. All six errors share one kernel: constant, field, hysteresis.
+    Encoders at the motors do not see what the cables do between motor and joint. This depends on the positions of the
+    joints, a little on the path to them, and not on time. All six errors share one kernel: constant, field, hysteresis.
     The more surprising a detection is, the less it counts.
     """
 

@@ -21,7 +21,7 @@ KINDS = {
 fragment or as saturated as the marks of a gripper: hues of 20 to 45 and 260 deg, all of them pale
 (``trocar.perception.color``)."""
 GROUND = (0.66, 0.50, 0.39)  # colour of the area between patches
-PROUD_M = 0.6e-3  # maximum height of patches; fragments lie on the plane, and 6 to 9 mm of them are visible
+PROUD_M = 0.6e-3  # maximum height of patches; fragments lie on the plane, and are 8 to 12 mm high
 SEGMENTS = 20  # number of corners of a patch's outline
 SHADE = 0.08  # standard deviation of the brightness from patch to patch
 
@@ -57,9 +57,9 @@ def lay_tissue(T_world_table: SE3, rng: np.random.Generator) -> tuple[Patch, ...
 
 
 LENGTH_M, WIDTH_M, HEIGHT_M = (0.010, 0.016), (0.008, 0.012), (0.008, 0.012)
-"""Extents of a fragment, smallest and largest: small irregular pieces of foam rubber. Sizes are assumed: jaws that open
-by 22 mm (facts/debridement.md) can take them if the tip is 5 mm off, and 3.5 % of the paper's grasps failed. The paper
-also allowed a tip to be 8 mm off in height; fingers would hardly hold pieces lower than these."""
+"""Smallest and largest extents of a fragment, an irregular piece of foam rubber. The sizes are assumed: jaws that open
+by 22 mm (facts/debridement.md) can take such a piece with a tip that is 5 mm off, and 3.5 % of the paper's grasps
+failed. The paper also allowed errors of 8 mm in height, with which fingers would hardly hold lower pieces."""
 CORNERS = 14  # number of random corners; about ten of them are on the hull
 DENSITY_KG_M3 = (150.0, 270.0)  # range of densities; a fragment then weighs .05 to .2 g (facts/debridement.md)
 CLING_SHARE = 0.25  # share of fragments that are charged (assumed: occasional static cling, Kehoe 2014, VI)
@@ -80,7 +80,7 @@ class Fragment:
 
     @property
     def reach_m(self) -> float:
-        """Return the radius about its origin, seen from above, within which it lies."""
+        """Return the radius of the circle about its origin that encloses it, seen from above."""
         return float(np.linalg.norm(self.T_world_fragment.rotation.apply(self.vertices_m)[:, :2], axis=-1).max())
 
 

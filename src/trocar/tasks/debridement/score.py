@@ -17,12 +17,12 @@ from trocar.tasks.debridement.truth import DebridementTruth
 Event = Mapping[str, Any]
 
 NEAR_M = 0.015
-"""A detection belongs to a fragment whose middle is within this distance: fragments are up to 14 mm long, and the
+"""A detection belongs to a fragment whose middle is within this distance: fragments are up to 16 mm long, and the
 paper's program merges detections within 15 mm (facts/debridement.md)."""
 SEEN_SHARE = 0.5
 """A fragment counts as visible if both eyes see this share of it; half of it is enough to find its outline."""
 SIGHT_S = 0.6
-"""The referee checks visibility twice a second; for an image further than this from every check, everything counts as
+"""The referee checks visibility twice a second. If no check is within this time of an image, everything counts as
 visible."""
 RELEASE_S = 2.0  # an agent's announcement of a release counts for this long
 STILL_M = 1e-3  # a fragment that moves less than this in a tenth of a second is at rest
@@ -51,7 +51,7 @@ class FragmentScore(Score):
 
 @dataclass
 class _Tally:
-    """The closings at one fragment: (row, arm) of their beginnings, (row, what) of their failures."""
+    """The closings at one fragment: (row, arm) of each beginning, (row, kind) of each failure."""
 
     began: list[tuple[int, str]] = field(default_factory=list)
     failures: list[tuple[int, FragmentOutcome]] = field(default_factory=list)
@@ -64,8 +64,8 @@ class _Tally:
 def score_fragments(truth: DebridementTruth, events: Sequence[Event]) -> list[FragmentScore]:
     """Return one score for each fragment, in the order in which they were cleared.
 
-    Fragments are interchangeable: clearing any three of six reaches the first three goals. The truth alone decides;
-    modes 1 to 4 compare what scripts noted with it, and events otherwise only give times and descriptions.
+    Fragments are interchangeable: clearing any three of six reaches the first three goals. The truth alone decides.
+    Failure modes 1 to 4 compare the scripts' events with it; else events give only times and descriptions.
     """
     closings = closings_of(truth)
     meant = [_meant(truth, events, closing) for closing in closings]
@@ -167,7 +167,7 @@ def _let_go(truth: DebridementTruth, events: Sequence[Event], closing: Closing) 
 
 
 def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, fragment: int) -> float:
-    """Return when a fragment was first approached: allocated, or else jaws closed for it; the end if never."""
+    """Return when a fragment was first allocated or jaws first closed for it, whichever is earlier; else the end."""
     times = [float(truth.times_s[row]) for row, _ in tally.began]
     for event in events:
         if event["name"] == "allocated":
@@ -178,7 +178,7 @@ def _start(truth: DebridementTruth, events: Sequence[Event], tally: _Tally, frag
 
 
 def _noted(truth: DebridementTruth, events: Sequence[Event], tally: _Tally) -> Event | None:
-    """Return the event with which the arm that last approached a fragment noted the end; None if it did not."""
+    """Return the event with which the arm that last closed its jaws on a fragment noted the outcome, or None."""
     if not tally.began:
         return None
     row, arm = max(tally.began)
@@ -186,7 +186,7 @@ def _noted(truth: DebridementTruth, events: Sequence[Event], tally: _Tally) -> E
 
 
 def _why(tally: _Tally, noted: Event | None, overlooked: int, events: Sequence[Event]) -> tuple[str, str]:
-    """Return the name of the failure, and a sentence: what happened to it last, else the script's own."""
+    """Return the name of the failure and a sentence: what last happened to the fragment, else the script's own."""
     last = max(((row, kind.name) for row, kind in tally.failures), default=(0, ""))[1]
     said = agent_explanation(noted, events)
     if last:
@@ -231,7 +231,7 @@ def false_detections(truth: DebridementTruth, events: Sequence[Event]) -> tuple[
 def false_pickups(
     truth: DebridementTruth, events: Sequence[Event], closings: Sequence[Closing], meant: Sequence[int]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return how often an agent's last judgement of a grip was wrong, by fragment (k,): held but not seen; reverse."""
+    """Return how often an agent's last judgement of a grip was wrong (k,): held but not seen; seen but not held."""
     unseen, imagined = np.zeros((2, truth.count), dtype=np.intp)
     for closing, target in zip(closings, meant, strict=True):
         first, last = truth.times_s[closing.closed], truth.times_s[closing.next]
@@ -247,7 +247,7 @@ def false_pickups(
 
 
 def _acted_on(events: Sequence[Event], number: int) -> bool:
-    """Return whether an agent acted on a look before it looked again or stopped looking."""
+    """Return whether an agent acted on a look, or stopped, before it looked again."""
     arm = events[number].get("arm")
     for later in events[number + 1 :]:
         if later["name"] == "stopped" or (later["name"] in USES and later.get("arm") == arm):

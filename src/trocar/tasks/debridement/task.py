@@ -1,4 +1,4 @@
-"""Debridement: every fragment of damaged tissue from the work surface into the receptacle (Kehoe 2014, III)."""
+"""Debridement: move every fragment of damaged tissue from the work surface to a receptacle (Kehoe 2014, III)."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ FIXTURES = ("table", "receptacle")
 CAMERA = "stereo"
 
 SWING = np.array([0.12, 0.12, 0.02, 0.60, 0.40, 0.40])
-"""Range of a calibration's motion about the parking place, rad and m (assumed: above the work surface)."""
+"""Range of the calibration motion about the parked joints, rad and m (assumed: above the work surface)."""
 PACE = np.array([0.010, 0.010, 0.0015, 0.06, 0.05, 0.05])
-"""Its mean step from sample to sample, rad and m, about as in the recordings of the PSM."""
+"""Mean step of this motion from sample to sample, rad and m, about as in the recordings of the PSM."""
 
 REGION_M = {1: ((-0.092, -0.092), (-0.017, -0.046)), 2: Workspace.region_m}
-"""Region of the fragments, corners x, y in the world, by the number of arms: where a working arm reaches, with its
-gripper straight down, in at least nine of ten sessions, despite kinematic errors of centimetres (assumed: a person lays
-them there; ``tests/tasks/debridement/test_task.py`` draws 24 sessions)."""
-WITHDRAWN_M = 0.10  # an idle arm is withdrawn into its port by this distance, out of the way, by a person
+"""Region of the fragments, corners x, y in the world, by the number of arms. A working arm reaches it with its gripper
+straight down in at least nine of ten sessions, despite kinematic errors of centimetres
+(``tests/tasks/debridement/test_task.py`` draws 24 sessions; assumed: a person lays the fragments there)."""
+WITHDRAWN_M = 0.10  # a person withdraws an idle arm into its port by this distance, out of the way
 
 _METHOD = {
     "agent": Lazy("trocar.tasks.debridement.agents:DebridementAgent"),
@@ -50,7 +50,7 @@ _WORLD = Lazy("trocar.tasks.debridement.world:DebridementWorld")
 
 @dataclass(frozen=True)
 class Debridement(Task):
-    """Fragments of foam, scattered at random, into one receptacle, by one arm or by two at once."""
+    """Clearing of randomly scattered foam fragments into one receptacle, by one arm or by two at once."""
 
     arms: int = option(2, "How many arms work, 1 or 2; with 1 the other stays parked.", metavar="N")
     fragments: int = option(6, f"How many fragments there are, 1 to {MOST_FRAGMENTS}.", metavar="N")
@@ -90,7 +90,11 @@ class Debridement(Task):
         return ("one-arm", "two-arms")[self.arms - 1]
 
     def at(self, station: Station) -> Station:
-        """Return the station, if it has what the task needs."""
+        """Return the station with its idle arms withdrawn, after a check that it has what the task needs.
+
+        Raises:
+            InvalidInput: a fixture, the stereo camera or an arm is missing.
+        """
         this = f"station {station.name!r}"
         for fixture in FIXTURES:
             if fixture not in station.T_world_fixture:
@@ -108,7 +112,7 @@ class Debridement(Task):
         return tuple(station.arms)[: self.arms]
 
     def calibration(self, station: Station, arm: str) -> MotionBox:
-        """Return the range defined by the station, else one round the parking place."""
+        """Return the range that the station defines, else one round the parked joints."""
         there = station.arm(arm)
         if there.calibration is not None:
             return there.calibration

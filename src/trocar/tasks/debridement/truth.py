@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.geometry import SE3
 from trocar.tasks.debridement.goals import Receptacle
 
-HEAP_M = 0.015  # fragments that lie on others inside the walls are in the receptacle: two more layers above its edge
+HEAP_M = 0.015  # a fragment on a heap counts as in the receptacle up to this height over its edge: two layers
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Sights:
 
 @dataclass(frozen=True, eq=False)
 class DebridementTruth:
-    """The true poses of everything, and what the arms' fingers touched; by arm where it is a mapping."""
+    """The true poses of everything, and what the arms' fingers touched. Mappings are by arm."""
 
     times_s: NDArray[np.float64]  # (n,) trial clock
     T_world_fragments: SE3  # (n, k)

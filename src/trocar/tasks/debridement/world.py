@@ -1,4 +1,4 @@
-"""Work surface, receptacle and fragments in the simulator, and their referee, who tells no agent what it sees."""
+"""Work surface, receptacle and fragments in the simulator, and the referee, which tells agents nothing."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ FINISHES = {
 FLOOR_M = 0.001  # thickness of the receptacle's floor
 
 FOAM_N_M = 2500.0
-"""Stiffness of foam under one finger (assumed): that of 65 mm^2 of foam rubber of .3 MPa, 8 mm thick; the jaws' 1.7 N
-sink in by .7 mm on each side."""
+"""Stiffness of foam under one finger (assumed): that of 65 mm^2 of foam rubber of 0.3 MPa, 8 mm thick. At the jaws'
+force of 1.7 N, each finger sinks in by 0.7 mm."""
 JAW_FRICTION = 1.5, 0.003, 0.0015
-"""Friction of foam under a finger: sliding, including the hold of the jaws' teeth that sink in; lengths in m against
-turning and rolling, for the patch of 2 mm radius that 1 mm of indentation makes (assumed)."""
+"""Friction of foam under a finger (assumed): sliding, including the hold of the teeth that sink in; torsional and
+rolling friction in m, for the contact patch of 2 mm radius at 1 mm of indentation."""
 FOAM_FRICTION = 0.9, 0.002, 0.0005  # the same for foam on foam (assumed)
 DRY_FRICTION = 0.6, 0.002, 0.0001
 """The same for foam or steel on the work surface and the receptacle, which determine these contacts (assumed)."""
 FOAM_WEIGHT = 1e6
-"""Weight that makes foam, not steel, determine the softness of their contact; of two frictions MuJoCo takes the larger
-one."""
+"""Weight (``solmix``) with which foam, not steel, determines the softness of their contact. Of two frictions, MuJoCo
+takes the larger one."""
 FOAM_STRONGEST = 0.9995  # maximum impedance of a contact, which MuJoCo requires to stay below 1
 CONTACT_S = 0.003  # time constant of foam's contacts: MuJoCo's steps of 1 ms are stable from .002 s on
 CLING_REACH_M = 0.3e-3  # a charged fragment clings to a finger that it touched until it is this far away
@@ -50,14 +50,14 @@ CLING_REACH_M = 0.3e-3  # a charged fragment clings to a finger that it touched 
 DRY = {"priority": 2, "friction": DRY_FRICTION}
 
 GRASP_PRESS_N = 2.0
-"""Jaws that approach a fragment may brush the work surface with up to this force: an arm that yields 1 mm/N is 2 mm too
-low then, which is the planned distance between the fingers' ends and the surface. More is a collision, as is any other
-touch of the surface."""
+"""Jaws that approach a fragment may touch the work surface with up to this force: an arm with a compliance of 1 mm/N is
+then 2 mm too low, which is the planned distance of the fingers' ends from the surface. A larger force is a collision,
+as is any other contact of an arm with the surface."""
 GRASP_M = 0.030  # jaws approach a fragment if it is within this distance of their tip
 
 
 class DebridementWorld(TaskWorld):
-    """Fragments, receptacle, work surface. Arms that hit the last two count as collisions."""
+    """Fragments, receptacle and work surface. An arm that hits one of the last two counts as a collision."""
 
     sleeps = True
 
@@ -76,7 +76,7 @@ class DebridementWorld(TaskWorld):
         _add_fragments(spec, self._scene)
 
     def start(self, world: World) -> None:
-        """Number the geoms of fragments, fingers and furniture; let the jaws' teeth hold foam."""
+        """Look up the geoms of fragments, fingers, work surface and receptacle; give the fingers their friction."""
         fragments, self._world = self._scene.fragments, world
         self._fingers = Fingers(world, fragments)
         self._visibility = Visibility(world, self._scene)
@@ -89,14 +89,14 @@ class DebridementWorld(TaskWorld):
         self._fingers.pull()
 
     def observe(self, time_s: float) -> None:
-        """Record which fragments each finger touches and, at intervals, which could be seen."""
+        """Record which fragments each arm touches and holds and, at intervals, which could be seen."""
         touched = self._fingers.touched()
         self._touched.append(np.any(touched, axis=1))
         self._held.append(self._fingers.held(touched))
         self._visibility.observe(time_s)
 
     def collision(self, first: int, second: int) -> CollidingPair | None:
-        """Return who collides if an arm touches the receptacle, or the work surface other than lightly in a grasp."""
+        """Return the colliding pair if an arm touches the receptacle, or the work surface except lightly in a grasp."""
         for geom, other in ((first, second), (second, first)):
             arm = int(self._world.geom_arm[geom])
             if arm >= 0 and other in self._walls:
@@ -118,7 +118,10 @@ class DebridementWorld(TaskWorld):
         return bool((np.linalg.norm(away, axis=-1) < GRASP_M).any())
 
     def errand(self, goal: Clearing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where the fragment is that lies next to the receptacle, and the middle of the receptacle's floor."""
+        """Return the positions (world, m) of a fragment outside the receptacle, and of the receptacle.
+
+        The fragment is the one that was nearest to the receptacle at the first call for this goal.
+        """
         scene, fragments = self._scene, self._world.free_poses()[:, :3]
         middle = scene.T_world_receptacle.translation_m
         in_receptacle = scene.T_world_receptacle.inverse().apply(fragments)
@@ -173,7 +176,7 @@ class Fingers:
         self._clings = np.zeros((2 * len(world.arms), len(fragments)), dtype=bool)
 
     def touched(self) -> NDArray[np.bool_]:
-        """Return which finger touches which fragment now, or has it clinging to it: (arms, 2, fragments)."""
+        """Return which fragments touch which finger now, or cling to it: (arms, 2, fragments)."""
         fingers, fragments, solid, _ = self._meetings()
         found: NDArray[np.bool_] = self._clings.copy()
         found[fingers[solid], fragments[solid]] = True
@@ -182,7 +185,7 @@ class Fingers:
     def held(self, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return which fragments are between the fingers of which arm (arms, fragments), given ``touched()``.
 
-        Both fingers touch the same one; or each touches a different one, and these press on each other.
+        These are fragments that both fingers touch, and two that touch each other and one finger each.
         """
         held: NDArray[np.bool_] = np.all(touched, axis=1)
         one = touched & ~held[:, None]
@@ -196,9 +199,9 @@ class Fingers:
         return held
 
     def pull(self) -> None:
-        """Make charged fragments cling: a force towards each finger that they touched, until they are out of its reach.
+        """Pull charged fragments towards each finger that they have touched, until they are out of its reach.
 
-        The reaction on the finger, a thousandth of what the drive holds, is neglected.
+        The reaction on the finger, a thousandth of the force of its drive, is neglected.
         """
         if not self._cling_n.any():
             return
@@ -223,7 +226,7 @@ class Fingers:
             data.xfrc_applied[body, 3:] += np.cross(data.contact.pos[contact] - data.xipos[body], force)
 
     def _meetings(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_], NDArray[np.intp]]:
-        """Return finger, fragment, whether it presses, and number of each contact between the two kinds."""
+        """Return finger, fragment, whether there is force, and number, for each contact of a finger with a fragment."""
         data = self._world.data
         pairs = data.contact.geom[: data.ncon]
         fingers, fragments = self.finger[pairs].max(axis=1, initial=-1), self.fragment[pairs].max(axis=1, initial=-1)
@@ -317,10 +320,10 @@ def _add_fragments(spec: mujoco.MjSpec, scene: DebridementScene) -> None:
 
 
 def _foam(fragment: Fragment) -> dict[str, Any]:
-    """Return the attributes of a geom of foam, as soft as foam is under fingers and under other foam.
+    """Return the attributes of a foam geom, equally soft under fingers and under other foam.
 
-    MuJoCo's contacts are as stiff as the lighter body is heavy, ``d / (1 - d) m / t^2`` with impedance d and time
-    constant t. Solving for d makes foam equally soft in heavy and light pieces, and neither bursts out of the jaws.
+    The stiffness of MuJoCo's contacts is ``d / (1 - d) m / t^2``, with impedance d, time constant t and the mass m of
+    the lighter body. Solving for d makes heavy and light pieces equally soft, and neither bursts out of the jaws.
     """
     mass = ConvexHull(fragment.vertices_m).volume * fragment.density_kg_m3
     ratio = FOAM_N_M * CONTACT_S**2 / mass
