@@ -31,8 +31,8 @@ LIFTED_M = 0.030
 BESIDE_M = 0.040
 """Jaws that open within this distance of the receptacle were aimed at it: their pose is off by 38 mm at worst."""
 CARRIED_M = 0.020
-"""They count as aimed at it only if they moved this far, seen from above: jaws that open where they closed put the
-fragment back."""
+"""Jaws count as aimed at the receptacle only if they moved this far, seen from above: jaws that open where they closed
+put the fragment back."""
 REST_S = 0.5  # a free fragment is judged after this time: it falls 10 cm in .14 s, and then it may roll
 
 

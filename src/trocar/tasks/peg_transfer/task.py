@@ -84,7 +84,7 @@ class PegTransfer(Task):
         """Return the station, after a check that it has a board and enough arms.
 
         Raises:
-            InvalidInput: it has not.
+            InvalidInput: the board or an arm is missing.
         """
         if "board" not in station.T_world_fixture:
             raise InvalidInput(

@@ -22,7 +22,7 @@ UPRIGHT_RAD = np.radians(10.0)
 REST_S = 0.3
 """A released block is judged only after this time, in which it may still fall."""
 RETREAT_M = 0.020
-"""It is judged only once all tips are further away than this: jaws that leave may drag it along."""
+"""A released block is judged only once all tips are further away than this: leaving jaws may drag it along."""
 FLICKER_S = 0.25
 """A block that is off its peg for less than this has not left it, since closing jaws may lift it for a moment."""
 

@@ -1,4 +1,4 @@
-"""Scripts for debridement: the paper's method, and ours; one script for each arm that works."""
+"""Scripts for debridement, for the paper's method and for ours: one script for each working arm."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class DebridementAgent:
     """Clears the work surface with all working arms.
 
     Raises:
-        InvalidInput: the robot of the cell does not estimate where its joints are.
+        InvalidInput: the cell's robot is not an ``Adjusted`` one, or the settings are another task's.
     """
 
     def __init__(self, context: AgentContext):

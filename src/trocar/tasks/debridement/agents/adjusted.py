@@ -21,7 +21,7 @@ from trocar.trajectory import Trajectory
 REST_STEP_S = 0.05  # the rest of a motion is sampled at this interval when it is taken over
 LATE_S = 0.25  # nothing is corrected within this time before the end of a motion
 MOST_OFF_RAD = 0.05
-"""A motion that starts further than this (rad, m) from its arm's estimated place was planned for another moment."""
+"""A motion that starts further than this (rad, m) from its arm's estimated joints was planned for another moment."""
 INSIDE = 0.012
 """A pose counts as within reach if each joint keeps this share of its range from its ends: estimates change."""
 LEAST_RATE = 0.5  # a motion that runs at less than this share of its speed is braking; it is not corrected
@@ -36,7 +36,7 @@ class StepEnded(ArmStopped):
 
 @dataclass(eq=False)
 class Course:
-    """The last motion of an arm; or the rest of one, with corrected commands."""
+    """The last motion of an arm, or the rest of it with corrected commands."""
 
     desired: Trajectory  # motion of the estimated joints
     commands: Trajectory  # those sent for it, on the same time
@@ -46,12 +46,12 @@ class Course:
     result: MotionResult | None = None  # how that ended; None: it was refused
 
     def drift(self, path_s: float) -> NDArray[np.float64]:
-        """Return the change (6,) of estimated joints minus commands from its start to this time of it."""
+        """Return by how much (6,) estimated joints minus commands change from the motion's start to ``path_s``."""
         first = self.commands.times_s[0]
         return (self.desired(path_s) - self.commands(path_s)) - (self.desired(first) - self.commands(first))
 
     def left(self, path_s: float, rate: float) -> Course | None:
-        """Return the rest of it from this time on, on the clock's time, for this rate; None near its end."""
+        """Return the rest of the motion from ``path_s`` on, in clock time at this rate; None near its end."""
         if (float(self.desired.times_s[-1]) - path_s) / rate < LATE_S:
             return None
         stop_s = None if self.stop_s is None else (self.stop_s - path_s) / rate
@@ -98,11 +98,11 @@ class Adjusted:
         self._learn_offset(arm)
 
     def keep(self, arm: str) -> None:
-        """Stop learning about an arm until it moves, or ``learn``, to plan from a fixed estimate."""
+        """Stop learning about an arm until it moves, or until ``learn``, so that a plan has a fixed estimate."""
         self._later.setdefault(arm, [])
 
     def learn(self, arm: str) -> None:
-        """Learn from what was seen meanwhile."""
+        """Learn from what was seen since ``keep``."""
         for sight in self._later.pop(arm, []):
             self.saw(arm, *sight)
 
@@ -137,7 +137,7 @@ class Adjusted:
         return replace(reading, q=reading.q + self._off[arm])
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return where the joints are estimated to be commanded now."""
+        """Return the present set-point, in estimated joints."""
         sent = self._robot.setpoint(arm)
         rested = self._rested.get(arm)
         if not sent.moving and (rested is None or not np.array_equal(rested, sent.q)):
@@ -237,7 +237,7 @@ class Adjusted:
         self._rested[arm] = sent.q
 
     def _drift(self, arm: str, sent: SetPoint) -> NDArray[np.float64]:
-        """Return the difference (6,) of the offset during a motion from that at its start."""
+        """Return by how much (6,) the offset has changed since the start of the arm's motion."""
         course = self._courses.get(arm)
         if course is None or not sent.moving or not sent.on_path:
             return np.zeros(6)
@@ -261,12 +261,12 @@ class Adjusted:
             raise
 
     async def _last(self, arm: str, result: MotionResult, course: Course) -> MotionResult:
-        """Return how a motion ended, whichever of its commands were the last."""
+        """Return how a motion ended, with its own commands or corrected ones."""
         while result.ended is MotionEnd.REPLACED and course.successor is not None:
             course = course.successor
             try:
                 await course.ended.wait()
-            except trio.Cancelled:  # the robot brakes for the script that waits, which is not the cancelled one here
+            except trio.Cancelled:  # the robot brakes only if ``correct``, which waits for it, is cancelled
                 self.hold(arm, reason="nobody waits for the motion any more")
                 raise
             if course.result is None:

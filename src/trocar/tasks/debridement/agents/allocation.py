@@ -69,7 +69,7 @@ class Allocation:
         return [f for f in lying if not any(f.away_m(g.p_world_m) < ONE_M and g.area_px > f.area_px for g in lying)]
 
     def full(self, fragments: Sequence[SeenFragment], p_world_tips: Sequence[NDArray[np.float64]]) -> bool:
-        """Return whether the receptacle's content stands out of it; what is near a tip (3,) may be in its jaws."""
+        """Return whether fragments stand out of the receptacle; those near a tip (3,) may be in its jaws."""
         shape, half_m = self.workspace.receptacle, 0.5 * np.array(self.workspace.receptacle.size_m)
         places = [(f, self.T_world_receptacle.inverse().apply(f.p_world_m)) for f in fragments]
         high = [f for f, p in places if (np.abs(p[:2]) < half_m).all() and abs(p[2] - shape.height_m) < FULL_M]

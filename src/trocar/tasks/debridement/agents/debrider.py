@@ -55,7 +55,7 @@ class Debrider:
                 self.note(*end.args)
             await self._home()
             self.allocation.claim(self.name, None)
-        except ArmStopped as stop:  # where it is now, it blocks the other arm
+        except ArmStopped as stop:  # a stopped arm blocks the other one
             self.allocation.claim(self.name, self.arm.robot.T_world_tip(self.name).translation_m)
             self.note(FragmentOutcome.ARM_STOPPED, str(stop))
         finally:
@@ -89,9 +89,9 @@ class Debrider:
         return True
 
     async def _all_cleared(self) -> bool:
-        """Look once more when all should be cleared, beside the work surface; return whether nothing is left to do."""
+        """Go home and look once more when all should be cleared; return whether nothing is left to do."""
         await self._home()
-        while self._others_at_work():  # and may leave one behind that only this arm reaches
+        while self._others_at_work():  # they may leave one behind that only this arm reaches
             await self._other_goes_on()
         observed = await self.arm.observer.observe(self.name)
         left = len(self.allocation.loose([*observed.fragments, *observed.hidden]))
@@ -99,7 +99,7 @@ class Debrider:
         return self.allocation.cleared >= self.allocation.goals
 
     async def _allocated(self) -> tuple[SeenFragment, Grasp] | None:
-        """Look, and claim the outermost fragment within reach, or the last one if it is nearer."""
+        """Look, and claim the outermost fragment within reach; return it with a grasp, or None."""
         if self._enough():
             return None
         if self.s.vision_lag_s > 0:
@@ -134,7 +134,7 @@ class Debrider:
         return None
 
     def _enough(self) -> bool:
-        """Return whether the other arm's fragment is the last that is to be cleared."""
+        """Return whether the fragments that other arms have claimed are the last to be cleared."""
         return self.allocation.cleared + len(self._others_at_work()) >= self.allocation.goals
 
     def _others_at_work(self) -> set[str]:

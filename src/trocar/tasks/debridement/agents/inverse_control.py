@@ -52,7 +52,7 @@ def commands_for(
     """
     times = _moments(desired)
     commands = _followed(arm, desired, times, estimate, q_start, until_s)
-    # after a change of its estimate, an arm may be where no command would bring it; only the sent commands count
+    # after a change of the estimate, no command may lead to where the arm is now; so the motion starts at ``q_start``
     commands = commands + (q_start - commands[0]) * (1 - _ramp(times))[:, None]
     commands = np.concatenate([q_start[None], _inside(arm, commands[1:], clamps=until_s is not None)])
     # the correction is smooth; a spline through the sum would overshoot where the motion's acceleration jumps
@@ -67,11 +67,11 @@ def corrected(
     limits: MotionLimits,
     until_s: float | None = None,
 ) -> Trajectory:
-    """Return commands that lead from those that are ``sent``, on the same time, to those that follow ``desired``.
+    """Return commands that change from the ``sent`` ones to those that follow ``desired``, on the same time.
 
-    They begin like the current ones, in position, velocity and acceleration, and reach the correction as soon as the
-    limits allow, at the latest at the end of the motion. If that is too soon for all of it, they reach the largest
-    share that keeps the limits; the rest is left for the next correction. Arguments are those of ``commands_for``.
+    They begin like the sent ones, in position, velocity and acceleration, and reach the correction as soon as the
+    limits allow, at the latest at the end of the motion. If the limits do not allow the whole correction by then, they
+    reach its largest share; the rest is left for the next correction. Other arguments are those of ``commands_for``.
 
     Raises:
         OutOfReach: a command would leave a joint's range.
@@ -170,8 +170,8 @@ def _added(
     arm: ArmModel, q_wanted: NDArray[np.float64], estimate: Callable[[SE3], SE3], added: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the correction (6,) that a command adds to the wanted joints, starting from a guess."""
-    # Joints, in which an arm errs, are compared; with poses, whose errors rotate with the gripper, the same iteration
-    # need not converge.
+    # The iteration compares joints, where the errors arise. With poses, whose errors rotate with the gripper, it need
+    # not converge.
     for _ in range(ROUNDS):
         added = added + q_wanted - ik_near(arm, estimate(fk(arm, q_wanted + added)), q_wanted)
     return added

@@ -33,7 +33,7 @@ HIGHER_M = 10e-3
 """For planning, the receptacle's walls are this much higher, because a carried fragment hangs lower than the
 fingers."""
 PATH_STEP_S = 0.05
-LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1  # interval between two checks of how long an arm has until it is to be stopped
+LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1  # limits of the interval between checks whether an arm is to be stopped
 
 
 class NotItsTurn(MotionRefused):
@@ -41,7 +41,7 @@ class NotItsTurn(MotionRefused):
 
 
 class NoMotion(MotionRefused):
-    """An arm does not come further: no plan was found, or the robot refused it, or stopped it before a collision."""
+    """An arm cannot go on: no plan was found, or the robot refused it, or stopped the arm before a collision."""
 
     def __init__(self, arm: str, cause: MotionRefused, *, lasting: bool = False):
         self.cause = cause
@@ -71,7 +71,7 @@ class TipGoal:
 
 
 class _Answer(NamedTuple):
-    """What an arm is to do: run a motion up to a time of its own, or nothing, or it cannot."""
+    """What an arm is to do: run a motion, up to ``stop_s`` of its time; nothing; or stay, because of a refusal."""
 
     motion: Trajectory | None = None
     stop_s: float | None = None
@@ -178,11 +178,11 @@ class MotionRunner:
             await self.run(arm, answer.motion, answer.stop_s)
 
     async def run(self, arm: str, motion: Trajectory, stop_s: float | None = None) -> None:
-        """Run a motion, up to a time of its own if one is given.
+        """Run a motion, up to ``stop_s`` of its time if given.
 
         Raises:
             NoMotion: the robot refuses, or its guard has stopped the arm because estimates have changed.
-            ArmStopped: it did not reach its end, and not because a step was over.
+            ArmStopped: the motion ended early, and not because a step was over.
         """
         refusal = result = None
         with self._cell.log.span(arm, "motion"):
@@ -218,7 +218,7 @@ class MotionRunner:
             self._robot.keep(arm)
             plan = await self._cell.compute(arm, "planning", lambda: self._plan({arm: goal}), budget_s)
         finally:
-            self._planning.release()  # nothing may come between this and the start of the motion, which waits later
+            self._planning.release()  # no other arm plans before the motion starts: nothing waits until then
         if not plan.found:
             self._robot.learn(arm)
             return _unmoved(plan)
@@ -255,7 +255,7 @@ class MotionRunner:
         return plan_motion(self.problems.of(goals, self._settings.plan_budget_s), self._planner)
 
     def _time_to_stop(self, arm: str, motion: Trajectory) -> float | None:
-        """Return the time at which the tip has gone as far as a step, after which it plans again; None: less far."""
+        """Return the time at which the tip has gone a whole step and plans again; None if the motion is shorter."""
         times, q = motion.sample(PATH_STEP_S)
         gone = np.cumsum(np.linalg.norm(np.diff(fk(self._cell.arms[arm], q).translation_m, axis=0), axis=-1))
         beyond = np.flatnonzero(gone > self._settings.step_m)

@@ -39,8 +39,8 @@ SHIFTED_M = 0.016
 """Jaws that approach a fragment may shift it unseen, by half of their opening plus half its length at most."""
 FINGERS = slice(2, 4)  # the fingers among an arm's capsules
 RING_M = 4e-3 * np.array([(np.cos(a), np.sin(a), 0.0) for a in np.linspace(0, TURN, 24, endpoint=False)])
-"""About a gripper's tip, for whoever watches."""
-HIDDEN_LOOKS = 8  # number of looks at jaws that it cannot see before they count as empty: 2 s, in which arms move on
+"""Circle about a gripper's tip, for viewers."""
+HIDDEN_LOOKS = 8  # after this many more looks hidden jaws count as empty: 2 s, in which arms move on
 
 
 class CameraFrozen(TrocarError):
@@ -48,7 +48,7 @@ class CameraFrozen(TrocarError):
 
 
 class Observation(NamedTuple):
-    """What one pair of images showed, wherever it is, and the fragments on the work surface that an arm hides in it."""
+    """The fragments that a pair of images shows anywhere, and those on the work surface that an arm hides in it."""
 
     fragments: Sequence[SeenFragment]
     hidden: Sequence[SeenFragment] = ()
@@ -66,8 +66,8 @@ class FragmentMemory:
     ) -> Observation:
         """Return what a pair of images from eyes (2, 3) shows outside the jaws, and the fragments that arms hide in it.
 
-        A fragment that is neither seen nor hidden is gone, and is forgotten. One that appears beside a hidden one is
-        that one, shifted. The arms' solids are in the world, approximately where they were in the images.
+        A fragment that is neither seen nor hidden is forgotten. One that appears beside a hidden one is taken to be the
+        hidden one, shifted. ``arms``: their solids in the world, approximately as they were in the images.
         """
         fingers = [Capsules(arms[arm].ends_m[FINGERS], arms[arm].radii_m[FINGERS]) for arm in self._carrying]
         shown = [new for new in seen if not _is_behind(new, p_world_eyes_m[:1], fingers)]
@@ -103,7 +103,7 @@ class StereoObserver:
         self.memory = FragmentMemory()
 
     async def observe(self, arm: str) -> Observation:
-        """Take a pair of images for an arm: find fragments, and all grippers in it.
+        """Take a pair of images for an arm, and find fragments and all grippers in it.
 
         Raises:
             CameraFrozen: images do not change any more.
@@ -151,9 +151,9 @@ class StereoObserver:
     async def track(
         self, arm: str, *, waits: bool = True, margin_m: float = MARGIN_M
     ) -> tuple[StereoImage, SE3 | None]:
-        """Learn where a gripper is from an image round it; return that, and the tip as seen; None: marks are hidden.
+        """Learn where a gripper is from an image round it; return the image, and the tip as seen or None.
 
-        The arm waits for the image, or continues meanwhile.
+        None: marks are hidden. ``waits``: whether the arm waits for the image, or continues meanwhile.
         """
         margin_m = margin_m if self._robot.age_s(arm) < LOST_S else max(margin_m, LOST_MARGIN_M)
         tip, binning = self._robot.T_world_tip(arm), 1 if waits else self._settings.watch_binning
@@ -174,7 +174,7 @@ class StereoObserver:
         return image, seen.T_world_tip
 
     async def follow(self, arm: str) -> None:
-        """Follow a gripper forever while it moves, correct its commands by what is seen; stop it if far off its path.
+        """Follow a gripper forever: while it moves, correct its commands from images; stop it if far off its path.
 
         Raises:
             CameraFrozen: images do not change any more.

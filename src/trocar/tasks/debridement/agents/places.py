@@ -18,17 +18,17 @@ TILT_RAD = np.radians(8.0)
 TURNS_RAD = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -40.0, 40.0])
 """Rotations about the vertical that are tried; beyond them, marks turn away from the camera."""
 ENDS_ABOVE_M = 2.0e-3  # height over the work surface at which closed jaws end
-BESIDE_M = 0.045  # where arms wait: this far to their side of the receptacle's middle
+BESIDE_M = 0.045  # where arms wait: this far from the receptacle's middle, to their side
 OVER_M, NEARER_M = 0.025, 0.012
-"""Where they let go: this far to their side of its middle, and this much closer to the fragments; 23 mm inside the
-wall."""
+"""Where arms let go: this far from the receptacle's middle, to their side, and this much closer to the fragments; 23 mm
+inside the wall."""
 NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for back in (0.0, -0.010, 0.010, -0.018))
-"""Other places if one is out of reach: outwards, and across."""
+"""Displacements, outwards and across, that are tried in turn if a place is out of reach."""
 NEAR_RAD = (0.0, 0.35, -0.35)  # rotations of the gripper there, outwards, besides the present one
 METRES_PER_RAD = 8.0e-3
 """Turning the gripper by another radian for a grasp costs as much as this many metres of additional fragment width
 (assumed): with 1 rad/s^2, turning the wrist takes longer than moving the arm there."""
-BEHIND_M = 0.030  # where they wait: this far from the receptacle's middle, towards -y of the world
+BEHIND_M = 0.030  # where arms wait: this far from the receptacle's middle, towards -y of the world
 HIGHER_M = 0.015  # arms at rest are this much higher than when moving
 ROOM_M = 1.0e-3  # least distance between the open jaws and a neighbouring fragment
 
@@ -44,7 +44,7 @@ class Grasp:
 
 
 class Places:
-    """Places in the world; sides are +1 of the arm at +x, the left one, and -1."""
+    """Places in the world. The side of the left arm, at +x, is +1, that of the other one -1."""
 
     def __init__(self, T_world_table: SE3, T_world_receptacle: SE3, settings: Settings):
         self.table_m = float(T_world_table.translation_m[2])  # height of the work surface in the world

@@ -24,8 +24,8 @@ TRIES, WAIT_S = 60, 0.25
 """An arm that finds no path asks this many times, this long apart, before it gives up; the other one moves on
 meanwhile."""
 HIDDEN_TRIES = 8
-"""It waits for this many looks (3 s) until its marks are visible. In that time the other arm passes, or it rests in
-front of them; then the fragment is left to that arm, which would otherwise stay where it hides the marks."""
+"""An arm with hidden marks waits for this many looks (3 s). In that time the other arm passes; or else it rests before
+the marks, and the fragment is left to it, because it would stay there otherwise."""
 ENOUGH_PLACES = 6  # this many of several reachable places are tried, since the path to one may leave a joint's range
 RISE_SHARES = (1.0, 0.6, 0.3)  # shares of the height by which an arm is to rise, if it cannot go that high
 FEW = 2  # if no other arm is in the way, it asks again only this many times, since estimates change only a little
@@ -35,10 +35,10 @@ WITHDRAWN_M = 0.006  # an arm that is too close to something rises by this, or m
 ASKEW_RAD = 0.12  # in the last millimetres, a gripper is not turned again if its rotation is within this of the plan
 ARRIVED_HIGH_M = 6e-3  # accuracy of heights in the air, where fragments are below the fingers
 NEARER_M, IN_VAIN = 1e-3, 8
-"""An arm gives up its goal after this many steps in a row, each of which brings it no closer than by this."""
+"""An arm gives up its goal after ``IN_VAIN`` steps in a row that each bring it closer by less than ``NEARER_M``."""
 PRESSING_M, PRESSING = 2e-3, 2
 """Fingers that stay this high over a grasp after this many steps without progress stand on something, usually a
-neighbour. Further corrections would press until it slips away."""
+neighbouring fragment, which would slip away under the pressure of further corrections."""
 FIRST_SHARE = 0.5
 """The first descent is slower by this factor, because the change of kinematic errors with height is not known yet."""
 CLOSING_STEPS = 25  # a slow closing of the jaws consists of this many small steps
@@ -50,15 +50,15 @@ SEARCH_M = 0.01 * np.array([
 """Displacements that an unseen arm tries, one after the other: down and towards the middle first (x), then across and
 up. Its true position is unknown; if it were low, it would be in the picture."""
 SHAKES, SHAKEN_RAD = 2, 2.0
-"""Jaws to which a fragment clings close and open this wide, this many times. Both fingers pull a charged fragment up
-between them, to where it is as wide as their gap; opened this far, mostly only one of them keeps it, hanging below its
-face, and closing changes how it hangs."""
+"""Jaws to which a fragment clings close and open again, this many times and this wide. Jaws that are less open hold a
+charged fragment between both fingers; opened this far, mostly only one finger keeps it, and closing changes how it
+hangs there."""
 SHAKEN_M = 0.008
-"""The first time they rise by this meanwhile, so that a fragment that merely lay behind the jaws stays behind."""
+"""The first time, the jaws also rise by this, so that a fragment that merely lay behind them stays behind."""
 STROKES = tuple(product((1.2, 2.0, 0.7), (0.014, 0.013, 0.012)))
-"""If it still clings, the tip goes down with this jaw opening (rad) to this height over the work surface (m), and the
-jaws close there: the fingers' ends, then 10 mm below the tip, rub what hangs from one of them on the receptacle's
-floor, or grasp it. If one way does not help, another is tried."""
+"""Jaw openings (rad) and heights of the tip over the work surface (m), tried in turn if a fragment still clings: the
+tip goes down there and the jaws close. Their ends, then 10 mm below the tip, rub the fragment on the receptacle's
+floor, or grasp it."""
 WAYS = SHAKES + len(STROKES)
 
 
@@ -85,15 +85,15 @@ class RavenArm:
         """Bring the tip somewhere in steps, planning again before each from the newest estimate (V-B).
 
         Args:
-            T_world_goal: of the tip.
-            precise: whether the camera has to confirm that it is there.
+            T_world_goal: pose of the tip.
+            precise: whether the camera has to confirm that the tip is there.
             straight: as in ``TipGoal``.
-            beside_wall: likewise.
-            speed_m_s: default: the method's.
+            beside_wall: as in ``TipGoal``.
+            speed_m_s: of the tip; default: that of the settings.
             lift_m: the first step begins straight up by this height.
 
         Raises:
-            NoMotion: no plan was found for a long time.
+            NoMotion: no plan was found for a long time, or steps bring the tip no nearer.
             ArmStopped: the arm does not move as commanded.
         """
         speed = speed_m_s or self.s.tip_speed_m_s
@@ -160,9 +160,9 @@ class RavenArm:
                 await self.observer.track(self.name)  # the same estimate gives the same path, or none
 
     async def _withdraw(self, from_arm: bool) -> None:
-        """Move a little away from what the arm is estimated to be too close to, after a change of the estimate.
+        """Move a little away from something that is too close after a change of the estimate.
 
-        No plan can begin there; the robot's guard lets arms that are too close move apart, but no closer.
+        No plan can begin there, but the robot's guard lets arms that are too close move apart.
         """
         T_world_tip = self.robot.T_world_tip(self.name)
         T_base_world = self.cell.T_world_base_registered[self.name].inverse()
@@ -185,18 +185,18 @@ class RavenArm:
 
     @property
     def height_m(self) -> float:
-        """Return how high in the world the tip is."""
+        """Return the height of the tip in the world."""
         return float(self.robot.T_world_tip(self.name).translation_m[2])
 
     async def go_to_one(self, places: Sequence[SE3], lift_m: float = 0.0) -> None:
         """Go to the first of several places that is within reach, after rising straight up by this height.
 
         Raises:
-            NoMotion: none is; or as ``go``.
+            NoMotion: no place is within reach; or as in ``go``.
         """
         none = NoPlan(f"no place of {len(places)} is within reach of arm {self.name!r}")
         refusal = NoMotion(self.name, none, lasting=True)
-        # each is within reach according to the estimate when its turn comes
+        # checked lazily, since the estimate may change before a place is tried
         reachable = (place for place in places if self.robot.reaches(self.name, place))
         for place in islice(reachable, ENOUGH_PLACES):
             try:
@@ -208,7 +208,7 @@ class RavenArm:
         raise refusal
 
     def possible(self, grasps: Sequence[Grasp]) -> Grasp | None:
-        """Return the first grasp that is within reach, with the path up after it."""
+        """Return the first grasp that is within reach with its lift, and clear of surface and walls, or None."""
         for grasp in grasps:
             poses = grasp.T_world_above, grasp.T_world_grasp, raised(grasp.T_world_grasp, self.s.lift_m)
             reachable = all(self.robot.reaches(self.name, pose) for pose in poses)

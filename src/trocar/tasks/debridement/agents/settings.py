@@ -17,7 +17,7 @@ class Settings:
     descent_speed_m_s: float = 0.025  # on the last piece to a fragment
     limits_share: float = 0.85  # of the joints' limits that plans use; the rest is for corrections
 
-    # Steps. An arm stops, looks and plans again after ``step_m`` (V-B: 2.5 cm), and if it is found ``astray_m`` from
+    # Steps. An arm stops, looks and plans again after ``step_m`` (V-B: 2.5 cm), and if it is seen ``astray_m`` from
     # where its motion should be (1 m: never).
     astray_m: float = 0.006
     step_m: float = 0.15
@@ -35,16 +35,16 @@ class Settings:
     above_m: float = 0.013  # the tip stops this high over a grasp, along the approach, and looks again (*)
     lift_m: float = 0.018  # straight lift after closing; 5 cm in their program
     lifts_on_the_way: bool = True  # go on from there without a stop, and check the pickup meanwhile
-    # (*) The paper's program passed a place 3 cm back without a stop; from a stop there, steps of 2.5 cm would end
-    # 5 mm over every grasp.
+    # (*) The paper's program passed a place 3 cm before the grasp without a stop. With a stop there, steps of 2.5 cm
+    # would end 5 mm over every grasp.
 
     # Places: heights of the tip over the work surface, and distances.
     hold_high_m: float = 0.040  # while travelling
     drop_high_m: float = 0.038  # when the jaws open over the receptacle
     margin_m: float = 0.004  # between the arms, and to the receptacle (**)
     apart_m: float = 0.028  # fragments this close to the other arm's are not allocated
-    # (**) V-B has 1 mm, at which the guard stops an arm here: plans keep half a millimetre more, for estimates that
-    # change on the way.
+    # (**) V-B has 1 mm, at which the guard stops an arm here. Plans of ``paper`` keep half a millimetre more, for
+    # estimates that change on the way.
 
     # Looking.
     confirms_above: bool = False  # the camera has to confirm the position over a fragment too, not only at the grasp

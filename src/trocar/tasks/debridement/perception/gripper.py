@@ -54,9 +54,9 @@ class SeenGripper:
 def find_gripper(image: StereoImage, T_world_camera: SE3, arm: ArmModel) -> SeenGripper | None:
     """Return pose and opening of an arm's gripper, or None if fewer than three marks are seen or they contradict.
 
-    The marks' middles are fitted to the spots first. Then the gripper is drawn in this pose; the parts of its marks
-    that its own fingers hide tell the offset of each spot's middle from its mark's, and the fit is repeated without
-    these offsets. A spot partly hidden by something else has less area than its drawing, and is left out.
+    The marks' middles are fitted to the spots first. Then the gripper is drawn in this pose. The drawing shows which
+    parts of the marks the fingers hide, and so the offset of each spot's middle from its mark's; the fit is repeated
+    with these offsets removed. A spot partly hidden by something else has less area than its drawing, and is left out.
     """
     marks = arm.instrument.marks
     if marks is None:
@@ -190,7 +190,7 @@ def _faces(shape: Instrument, marks: FingerMarks) -> _Faces:
 def draw_marks(
     shape: Instrument, tip_length_m: float, lens: Intrinsics, T_eye_tip: SE3, jaw_rad: float, fine: float
 ) -> list[NDArray[np.float64]] | None:
-    """Return u, v (n, 2) of each mark's visible pixels as an eye sees a gripper, or None if it cannot be before it.
+    """Return u, v (n, 2) of each mark's visible pixels as an eye sees a gripper, or None for an impossible pose.
 
     The controlled point is ``tip_length_m`` beyond the jaw axis; a pixel of the picture is ``fine`` x ``fine`` pixels.
     """

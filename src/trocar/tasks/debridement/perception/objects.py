@@ -1,4 +1,4 @@
-"""What a policy sees of a debridement: fragments, from pairs of images taken beside whatever the arms do."""
+"""A policy's observation of debridement: fragments, from pairs of images that are taken while the arms work."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from trocar.tasks.debridement.goals import Clearing, Workspace
 from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 SAME_M = 0.02
-"""A fragment that is seen within this of where one was seen before is the same."""
+"""A fragment seen this close to the last place of a known one is that one."""
 _OF_FRAGMENT = (*(f"position.{axis}" for axis in "xyz"), "cos_2yaw", "sin_2yaw", "seen")
 
 
 class DebridementObjects(WatchedObjects):
-    """Each fragment in the world, as last seen; it keeps its number while it lies where it is.
+    """Each fragment in the world, as last seen; a fragment that lies still keeps its index.
 
-    One that was carried takes the number that is not in view, of several the one of the nearest place: its own, unless
-    another one was hidden meanwhile.
+    A fragment that was carried takes an index that is not in view, the one with the nearest last place if there are
+    several. That is its own index, unless another fragment was hidden meanwhile.
 
-    Of a fragment: its middle (m), cosine and sine of twice the yaw of its long side, since both its ends are alike, and
-    whether the last look showed it. All are 0 before it has been seen.
+    The numbers of a fragment are: its middle (m), cosine and sine of twice the yaw of its long side, since both its
+    ends are alike, and whether the last look showed it. All are 0 before it has been seen.
 
     Attributes:
-        names: of the numbers.
+        names: names of the numbers.
         values: the numbers, each from -1 to 1.
     """
 
@@ -59,7 +59,7 @@ class DebridementObjects(WatchedObjects):
         return self._see.fragments(image, self.T_world_camera, self.cell.T_world_fixture["table"], self.cell.arms)
 
     def take(self, found: Sequence[SeenFragment]) -> None:
-        """Give each fragment that is seen the number that it has, a new one, or, if all are given, one not in view."""
+        """Give each visible fragment the index that it had, a new one or, if all are taken, one that is not in view."""
         self._in_view = set()
         left = sorted(found, key=lambda one: one.p_world_m[0])
         pairs = [(one.away_m(k.p_world_m), i, j) for i, one in enumerate(left) for j, k in enumerate(self._known)]

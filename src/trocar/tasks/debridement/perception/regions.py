@@ -97,7 +97,7 @@ def group_regions(
     """Return the objects that both eyes of a rectified pair see.
 
     Objects on the table appear at the same place once the right picture is shifted by the disparity of a height above
-    the table; this joins the pieces of an object that is split in one eye. The rest is paired by rows, further up.
+    the table; this joins the pieces of an object that is split in one eye. Objects higher up are paired by rows.
     """
     least = MIN_AREA_M2 * rig.left.fx**2 / T_table_camera.translation_m[2] ** 2 / 2
     labels = [_labelled(mask, least) for mask in masks]

@@ -23,18 +23,18 @@ LEAST_PX = 32  # least width and height of a window
 BEYOND_AXIS_M = (4e-3, 28e-3)
 """Range, beyond the jaw axis, of the middle of a held fragment; the fingers end at 20 mm."""
 ASIDE_M = 9e-3
-"""Half-width of that box along the jaw axis and across; across, the distance of the fingers' ends is added."""
+"""Half-width of the box of a held fragment along the jaw axis and across; across, half the jaws' gap is added."""
 MIN_AREA_M2 = 6e-6  # least red area between the fingers, as seen by the left eye; a fragment has 60 mm^2
 BEHIND_M = 0.04
 """The background of the jaws is up to this much further away: on the work surface, or in the receptacle."""
 CORNERS = np.array([[i >> k & 1 for k in range(3)] for i in range(8)])
-"""Of a box (8, 3): 1 at its upper end, 0 at its lower one."""
+"""Corners (8, 3) of a box: 1 for its upper limit, 0 for its lower one."""
 
 
 class StereoView:
-    """Fragments and grippers in a pair of pictures. A perception of your own has these methods.
+    """Finds fragments and grippers in a pair of pictures. A perception of your own needs the same methods.
 
-    All take poses of the left eye as ``T_world_camera``, and pictures of whole eyes or of windows.
+    ``T_world_camera`` is the pose of the left eye. Pictures are whole ones or windows.
     """
 
     def fragments(
@@ -87,7 +87,7 @@ def _window(box: tuple[int, int, int, int], binning: int) -> Window:
 
 
 def _box(lens: Intrinsics, points_m: NDArray[np.float64]) -> tuple[int, int, int, int] | None:
-    """Return first column, first row, and the ends of both, of the part of the picture spanned by points."""
+    """Return the part of the picture that points span: first column, first row, end of columns, end of rows."""
     if (points_m[:, 2] <= 0).any():
         return None
     pixels = project(lens, points_m)
@@ -101,7 +101,7 @@ def _box(lens: Intrinsics, points_m: NDArray[np.float64]) -> tuple[int, int, int
 def _red_points(image: StereoImage, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the positions (n, 3) of the red pixels in the left picture of a box, in the left eye's frame.
 
-    A pixel is matched over the disparities of the box and of what may be behind it, so that each finds its own match.
+    Pixels are matched over the disparities of the box and of what may be behind it, so that background matches itself.
     """
     left, right, shift_m = image.rig.left, image.rig.right, float(image.rig.T_left_right.translation_m[0])
     outline = cv2.convexHull(np.rint(project(left, corners_m)).astype(np.int32))

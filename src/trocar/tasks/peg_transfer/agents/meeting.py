@@ -89,7 +89,7 @@ class HandoverGeometry:
     ) -> Grasp | str:
         """Return the grasp of a block in the other arm's jaws that keeps the arms furthest apart, or why there is none.
 
-        Its ``clearance_m`` is the least distance between the arms while this one comes down and the other one rises.
+        Its ``clearance_m`` is the least distance of the arms while the receiving one descends and the giving one rises.
 
         Args:
             T_board_block: pose of the block, as it was seen.

@@ -93,7 +93,7 @@ class PegArm:
         return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
 
     def learn_offset(self, off_m: NDArray[np.float64]) -> None:
-        """Learn the tip's offset from a block in the jaws, seen ``off_m`` (2,) from its expected place on the board."""
+        """Learn the tip's offset from a block in the jaws, seen off its place by ``off_m`` (2,) in the board's axes."""
         across = self.T_board_tip.matrix[:2, 0]
         self.motions.offset.learn(across / np.linalg.norm(across), off_m)
         self._moved_by_offset()
