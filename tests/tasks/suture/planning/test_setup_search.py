@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,16 @@ def test_it_finds_the_best_radius_that_a_fine_scan_finds():
     found = searched(("circle_radius_m",))
     scanned = [reward_of(with_parameters(SETUP, {"circle_radius_m": at})) for at in np.linspace(0.02, 0.04, 81)]
     assert found.plan.reward >= max(scanned) - 1e-3
+
+
+def test_an_infeasible_plan_is_not_recommended_even_where_the_reward_alone_counts():
+    reward_alone = replace(START.reward, feasible_first=False)
+    bounds = {"base_up_m": (0.30, 0.31)}  # too far for the insertion
+    for reward in (START.reward, reward_alone):
+        far = dexterity(with_parameters(SETUP, {"base_up_m": 0.30}), reward, positions=72)
+        found = search_setup(far, ("base_up_m",), rng=np.random.default_rng(0), evaluations=96, bounds=bounds)
+        assert not (found.plan.feasible or found.sound)
+    assert searched(("circle_radius_m",)).sound
 
 
 def test_a_grasp_that_flat_jaws_cannot_hold_is_left():

@@ -50,8 +50,8 @@ class FoundSetup:
         start: the best plan of the initial setup.
         best: map of the best setup found, scaled like the map that the search started from.
         plan: the best plan there.
-        sound: whether it can be recommended: flat jaws can hold the needle above the tissue, the needle comes out,
-            bites hold the mesh, no sutures cross and, if the reward puts feasibility first, the plan is feasible.
+        sound: whether it can be recommended: the plan is feasible, flat jaws can hold the needle above the tissue, the
+            needle comes out, bites hold the mesh, and no sutures cross.
         values: values of the free parameters.
         bounds: bounds of the free parameters.
         evaluations: number of setups evaluated.
@@ -139,8 +139,9 @@ def search_setup(
     unchanged = _scaled_like(start, here, start.thetas_rad)
     if best_cost > here_cost:
         best, values, best_cost = unchanged, usual, here_cost
-    sound = best_cost < CROSSING_COST
-    return FoundSetup(planner(unchanged), best, planner(best), sound, values, limits, evaluated)
+    plan = planner(best)
+    sound = plan.feasible and best_cost < CROSSING_COST
+    return FoundSetup(planner(unchanged), best, plan, sound, values, limits, evaluated)
 
 
 def _scaled_like(start: DexterityMap, setup: SutureSetup, thetas_rad: NDArray[np.float64]) -> DexterityMap:
