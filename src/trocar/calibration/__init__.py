@@ -1,1 +1,1 @@
-"""Calibration of cable-driven wrists: models of cable errors, and commands that compensate them."""
+"""Calibration of cable-driven wrists: models of cable errors, and commands that compensate for them."""

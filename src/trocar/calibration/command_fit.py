@@ -16,10 +16,11 @@ from trocar.calibration.plant import WRIST
 from trocar.geometry.arrays import Array
 
 LEVER = np.array([10.0, 10.0, 67.0, 0.7, 1.0, 1.0])
-"""How far an error of q1 to q6 moves the tip (.15 m, .15 m, 1, .01 m, .015 m, .015 m) in units of the wrist's 15 mm."""
+"""Weights of errors of q1 to q6: lever arms to the tip (.15 m, .15 m, 1, .01 m, .015 m, .015 m) over the wrist's 15 mm.
+"""
 
 EASE = np.array([1e-4, 1e-4, 1e-5, 2.5e-3, 2.5e-3, 2.5e-3])
-"""Error (rad, m) of a joint that is tolerated if it saves full acceleration: 10 to 40 um at the tip."""
+"""Joint errors (rad, m) that cost as much as full acceleration does: 10 to 40 um at the tip."""
 
 NEAR = 0.03
 """Weight of moving the commands, as a share of that of an equally large joint error. It damps steps in dead zones,
@@ -54,7 +55,7 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class CommandFit:
-    """Finds the best commands among the paths within the limits."""
+    """The search for the best commands among the paths within the limits."""
 
     paths: LimitedPaths
     memory: HysteresisState  # of the cables at the start

@@ -1,8 +1,8 @@
 """Commands that move the joints along a motion and keep the limits of velocity and acceleration themselves.
 
-Where a cable's slack has to be crossed is known from the plan. So all commands of a motion are found at once: among the
-paths that keep the limits, the one that brings the joints nearest to where they should be. It starts to cross a slack
-before the joint has to reverse, and ends where the model puts the joints exactly at their goal.
+The plan shows where a cable's slack has to be crossed. So all commands of a motion are found at once: among the paths
+that keep the limits, the one that brings the joints nearest to where they should be. It starts to cross a slack before
+the joint has to reverse, and ends where the model puts the joints exactly at their goal.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from trocar.motion.moves import rest_to_rest
 from trocar.trajectory import Trajectory
 
 KNOT_S = (0.010, 0.025)
-"""Spacing of the commands' knots: from one control period to a tenth of the time needed to cross the widest slack."""
+"""Least and greatest spacing of knots: one control period, and a tenth of the time needed to cross the widest slack."""
 KNOTS = (12, 48)
-"""A short motion has at least the first number of intervals; a longer one up to the second before they get longer."""
+"""Least number of intervals, and the number at which the spacing grows to its greatest before more are added."""
 SKETCH_S = 0.060  # initial spacing of the points at which the model is inverted, one after the other
 SKETCHED = 4  # minimum number of these points
 SKETCH_RAD = 1e-3  # accuracy of the inversion; refinement does the rest
@@ -38,13 +38,13 @@ END_WEIGHT_S = 1000.0  # weight of an error at the very end: that of the same er
 CORRECTIONS = 2  # corrections of the last command, tried where refinement stalls short of the end
 TOO_FAST = 1.1
 """A motion that is faster than the limits by less than this factor is not slowed down. Its commands fall behind and
-catch up before its end: at full acceleration by up to .04 rad and 3.5 mm of the outer joints, 8 mm of the tip (a way of
-.3 rad and 20 mm, there and back, 1.1 times too fast)."""
+catch up before its end. The lag reaches .04 rad and 3.5 mm in the outer joints and 8 mm at the tip (at full
+acceleration, over .3 rad and 20 mm, there and back, 1.1 times too fast)."""
 NEARLY_MET = 1e-3  # a motion that ends further from its goal than this (rad of the wrist) usually lacks time
 STRETCHES = (1.0, 1.05, 1.15, 1.3)  # factors tried in turn on the least time for the path to the last command
 LAST_STEP_S = 0.3
-"""A last step from rest to rest that takes no longer than this corrects even the smallest remaining error; in dead
-zones only crossing a slack does. If the time was too short for the motion, the step may take longer."""
+"""A last step from rest to rest that takes no longer than this is made even for a small remaining error, which in a
+dead zone only crossing the slack removes. If the motion ends further off than ``NEARLY_MET``, it may take longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,13 @@ class CommandRequest:
     """What one arm's joints should do, and where its commands are now.
 
     Attributes:
-        memory: of the cables, up to the commands that were sent last.
-        desired: of the true joints (rad, m), from its first knot on. It may start and end in motion; after an end in
-            motion it is braked to rest.
+        memory: memory of the cables after the last command that was sent.
+        desired: motion of the true joints (rad, m), from its first knot on. It may start and end in motion; after an
+            end in motion it is braked to rest.
         q_start: (6,) command that is being sent now. It may differ from what the model expects there.
-        velocity_start: (6,) its velocity.
-        limits: of the commands' velocity and acceleration.
-        lower: (6,) least commands. Where the desired joints themselves lie below, commands may as well.
+        velocity_start: (6,) velocity of this command.
+        limits: limits of the commands' velocity and acceleration.
+        lower: (6,) least commands. Commands may go lower where the desired joints do.
         upper: (6,) greatest commands, likewise.
     """
 
@@ -84,13 +84,13 @@ class CommandPath:
     """Commands that carry one arm's joints along a motion within the limits.
 
     Attributes:
-        commands: (t) -> (6,), from time 0; starts as asked for and ends at rest.
+        commands: (t) -> (6,), from time 0; starts as requested and ends at rest.
         desired: the requested joint motion, on the same clock.
         missing: (6,) how far from ``desired`` the model expects the joints at the end, rad and m.
-        lacking: (6,) by how much the commands would have to leave their ranges to make up for the cables, rad and m.
-        farthest: (6,) each joint's farthest command towards or beyond the ends of its range, if ranges were ignored.
-        stretch: the motion was slowed down by this factor; 1 if not at all.
-        memory: of the cables at the start.
+        lacking: (6,) by how much the commands would have to leave their ranges to compensate fully, rad and m.
+        farthest: (6,) each joint's command nearest to, or farthest beyond, an end of its range, if ranges were ignored.
+        stretch: factor by which the motion was slowed down; 1 if it was not.
+        memory: memory of the cables at the start.
     """
 
     commands: Trajectory
@@ -102,7 +102,7 @@ class CommandPath:
     memory: HysteresisState
 
     def memory_at(self, t_s: float) -> HysteresisState:
-        """Return the memory of the cables after the commands up to a time: for a stop, or another motion from there."""
+        """Return the memory of the cables after the commands up to a time, for a stop or a motion that takes over."""
         return self.memory.after(self.commands, t_s)
 
 
@@ -124,7 +124,7 @@ class InitialCommands:
         return np.column_stack([np.interp(shares, self.shares, column) for column in rows.T])
 
     def min_stretch(self) -> float:
-        """Return the least factor by which to slow down, for the motion and for the way to the last command."""
+        """Return the least factor by which to slow down, for the motion and for the path to the last command."""
         desired, limits = self.request.desired, self.request.limits
         times = np.linspace(0.0, desired.duration_s, int(np.ceil(desired.duration_s / KNOT_S[0])) + 1)
         speed, push = (np.abs(desired(times, order)) for order in (1, 2))
@@ -132,7 +132,7 @@ class InitialCommands:
         return max(motion if motion > TOO_FAST else 1.0, self.way_stretch())
 
     def way_stretch(self) -> float:
-        """Return the least factor for the way to the last command alone to keep the accelerations."""
+        """Return the least factor with which the path to the last command alone keeps the limits."""
         request, knots = self.request, knots_of(self.request.desired)
         limits = request.limits.scaled(1.0 - 2.0 * HEADROOM)
         way, speed = self.end - request.q_start, request.velocity_start
@@ -181,7 +181,7 @@ def sketched(request: CommandRequest) -> InitialCommands:
         unbounded[row] = inverse(model, memory.state, q, q - error, SKETCH_RAD)
         q_cmd = np.clip(unbounded[row], lower, upper)
         if np.any(q_cmd != unbounded[row]):
-            # The other joints can still be right: they take into account where this one stays.
+            # Solve again, so that the other joints are right although the clipped ones stay behind.
             kept = np.where(q_cmd != unbounded[row], memory.joints(q_cmd), q)
             q_cmd = np.clip(inverse(model, memory.state, kept, q_cmd, SKETCH_RAD), lower, upper)
         joints, after = memory.step(q_cmd)
@@ -196,7 +196,7 @@ def sketched(request: CommandRequest) -> InitialCommands:
 
 
 def _ranges(request: CommandRequest) -> tuple[Array, Array]:
-    """Return the least and greatest commands (6,) that are allowed: also where the joints, or a start, lie outside."""
+    """Return the least and greatest commands (6,), widened to hold the desired joints, the start and its stop."""
     v, asked = request.velocity_start, request.desired.sample(request.desired.duration_s / KNOTS[1])[1]
     stop = request.q_start + v * np.abs(v) / (2 * request.limits.acceleration) + v * KNOT_S[1]
     taken = np.vstack([asked, request.q_start, stop])
@@ -223,7 +223,7 @@ def command_paths(requests: Mapping[str, CommandRequest]) -> dict[str, CommandPa
     """Return the commands of one or more arms that move together.
 
     The arms share one clock: if one needs more time, all are slowed down by the same factor. Only a last step from rest
-    to rest, which is rarely needed, is made by one arm while the others rest.
+    to rest, which is rarely needed, is made by one arm alone.
 
     Raises:
         TrocarError: no commands within the limits were found.
@@ -269,7 +269,7 @@ def _fitted(sketch: InitialCommands, stretch: float) -> _Fit | None:
         return None
     roughly = fit.predict(x)
     if roughly.response is None:
-        # Other models are not accurate enough for a closer match than Algorithm 1's to bring the joints any nearer.
+        # Other models are less accurate than Algorithm 1 is precise: refinement would bring the joints no nearer.
         return _Fit(sketch, stretch, fit, roughly, float(np.max(LEVER * np.abs(x[-1] - sketch.end))))
     best = _ended(sketch, fit, fit.refine(roughly))
     return _Fit(sketch, stretch, fit, best, best.end_error)
@@ -302,7 +302,7 @@ def _weights(spline: QuadraticSpline) -> Array:
 
 
 def _last_command(sketch: InitialCommands, fit: CommandFit, fitted: Fitted, since_s: float) -> Array:
-    """Return the command (6,) that puts the joints at their goal, going straight from where the path is at a time."""
+    """Return the command (6,) that puts the joints at their goal, going straight there from the path at a time."""
     if fitted.response is None:
         return sketch.end
     sent = fit.paths.spline.trajectory(fit.paths.points(fitted.x))

@@ -15,22 +15,22 @@ from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
 
 REPLAY_S = 0.004
-"""Sent commands are replayed at this interval: a wrist's sharpest reversal (25 rad/s^2) hides 5e-5 rad within it."""
+"""Interval at which sent commands are replayed. A wrist's sharpest reversal (25 rad/s^2) hides 5e-5 rad within it."""
 
 
 @dataclass(frozen=True, eq=False)
 class HysteresisState:
-    """One arm's cables as a model knows them after the commands so far.
+    """What a cable model knows about one arm's cables after the commands so far.
 
-    A rate-independent model takes every command into its state. A model with a window takes a sample only where a
-    joint of the wrist has gone on by its step in the training motion: however often an arm is stopped, slowed down or
-    replanned, the window spans as much of the wrist's motion as in training. The outer joints do not count: their
-    cables have no memory, and a lift with a still wrist would push the wrist's earlier motion out of the window.
+    A rate-independent model takes every command into its state. A model with a window takes a sample only when a wrist
+    joint has moved by its mean step in the training motion. So the window spans as much of the wrist's motion as in
+    training, however often an arm is stopped, slowed down or replanned. The outer joints do not count: their cables
+    have no memory, and a lift with a still wrist would push the wrist's earlier motion out of the window.
 
     Attributes:
-        model: the cables.
-        state: the model's, after its last sample.
-        q_cmd: (6,) the command of that sample, rad and m.
+        model: the cable model.
+        state: state of the model after its last sample.
+        q_cmd: (6,) command of the last sample, rad and m.
     """
 
     model: CableModel
@@ -48,7 +48,7 @@ class HysteresisState:
         return self.model.step(self.state, q_cmd)[0]
 
     def step(self, q_cmd: Array) -> tuple[Array, HysteresisState]:
-        """Return the joints (6,) after this command (6,), and the memory."""
+        """Return the joints (6,) after this command (6,), and the new memory."""
         joints, state = self.model.step(self.state, q_cmd)
         return joints, replace(self, state=state, q_cmd=q_cmd) if self._is_sample(q_cmd) else self
 
@@ -85,10 +85,10 @@ ALPHA = 0.5
 TOLERANCE_RAD = 1e-5  # the exact inverse stops at this residual: a hundredth of the repeatability of the best joint
 MAX_NEWTON_STEPS = 30
 MAX_NEWTON_STEP_RAD = 0.3
-"""A full backlash: in a dead zone a joint hardly follows its command, and a Newton step would explode."""
+"""Longest Newton step: a full backlash. In a dead zone a joint hardly follows its command, and a step would explode."""
 STALLED_RAD = 1e-3
 ESCAPES_RAD = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4)
-"""Where Newton's method stalls in a dead zone, it restarts this far away, as the joints do not follow."""
+"""Where Newton's method stalls in a dead zone, it restarts this far away, in the direction that the joints ignore."""
 DAMPING = 1e-4
 
 
@@ -108,11 +108,12 @@ def inverse(
     tolerance_rad: float = TOLERANCE_RAD,
     stalled_rad: float = STALLED_RAD,
 ) -> Array:
-    """Return the command (6,) for these joints: exact, from ``guess``, if the model allows it, else by Algorithm 1.
+    """Return the command (6,) that brings the joints to ``q_desired`` (6,).
 
-    Exact: by damped Newton steps with backtracking. The model is smooth except for kinks where a play operator starts
-    to move, and nearly flat in dead zones, which restarts escape. If no command reaches the target exactly, the one
-    with the smallest error found is returned.
+    An ``Invertible`` model is solved exactly, by damped Newton steps with backtracking from ``guess``. It is smooth
+    except for kinks where a play operator starts to move, and nearly flat in dead zones, which restarts escape. If no
+    command reaches the target exactly, the one with the smallest error found is returned. Other models take
+    :func:`algorithm1`.
     """
     if not isinstance(model, Invertible):
         return algorithm1(model, state, q_desired)
@@ -164,7 +165,7 @@ def _newton(
 class Compensator:
     """Turns desired joints into commands along a path, and keeps the model's memory from call to call.
 
-    The commands are exact if the model is ``Invertible``, else Algorithm 1's. Models with a window (``lstm``,
+    The commands are exact if the model is ``Invertible``, else those of Algorithm 1. Models with a window (``lstm``,
     ``ridge``) need samples as dense as in training: :func:`resample` the path first. The play model does not depend on
     the sampling.
 

@@ -1,4 +1,4 @@
-"""How good a cable model is: its errors on a recording, after a refit too, time of a compensation, and a picture."""
+"""Evaluation of cable models: errors on a recording, also after a refit, time per compensation, and a picture."""
 
 from __future__ import annotations
 
@@ -104,10 +104,10 @@ def compensation_time_ms(model: CableModel, recording: Recording) -> float:
 def refit_offset(model: Model, recording: Recording, rows: int = REFIT_ROWS) -> Model:
     """Return the model with its offsets refitted on the first valid rows of a new session's recording.
 
-    It is quick, but radii, gains and coupling change too (the flaw ``wear``): over three sessions of one instrument the
-    best constant still leaves .017 .051 .036 rad. A minute of wide swings and a prior do better.
+    This is quick, but radii, gains and coupling change too (the flaw ``wear``): over three sessions of one instrument,
+    the best constant offsets leave .017 .051 .036 rad. A minute of wide swings and a prior do better.
 
-    Raises TrocarError: the recording has fewer valid rows than that.
+    Raises TrocarError: the recording has fewer valid rows than ``rows``.
     """
     good = np.flatnonzero(recording.valid)[:rows]
     if rows < 1 or len(good) < rows:

@@ -1,4 +1,4 @@
-"""Motions for calibration recordings: the paper's random smooth one (section IV-A), and a short one of wide swings."""
+"""Motions for calibration recordings: the paper's random smooth path (section IV-A), and a short one of wide swings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SPREAD = 0.7
 """SD of the normal deviate that is mapped to the range: the recordings dwell in its middle (SD .2 of the range)."""
 
 STRAIGHT = 1e-6
-"""A wave that runs through less of its range than this is straight; it gets no slower by a smaller piece of it."""
+"""A wave that covers less of its range than this is practically straight: a lower pace would not change the path."""
 
 WIDE_ROWS = 75  # samples of a recording of wide swings: a minute
 WIDE_CYCLES = (1.0, 2.0, 3.0)
@@ -59,15 +59,15 @@ PSM1_BOX = MotionBox(
     step=np.array([0.0085, 0.0136, 0.0018, 0.083, 0.057, 0.073]),
 )
 """Range and mean step of the recording psm1_grey_random."""
-PSM2_BOX = PSM1_BOX.mirrored()  # its mirror image, which psm2_grey_random is, but for roll that ends at 1.57
+PSM2_BOX = PSM1_BOX.mirrored()  # its mirror image; psm2_grey_random fills it, except that roll ends at 1.57
 
 
 def random_smooth_path(arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES, box: MotionBox = PSM1_BOX) -> Array:
     """Return a random smooth path (n, 6) that wanders through the whole box and reverses often.
 
     Each joint is a sum of sinusoids of random frequency and phase, mapped to its range by the normal distribution
-    function; its pace is scaled until the mean step is that of the box, or, of few samples, until it goes through its
-    range once.
+    function. Its pace is scaled until the mean step is that of the box, or, if n is small, until the joint passes
+    through its range once.
 
     Raises TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
@@ -78,14 +78,14 @@ def random_smooth_path(arm: ArmModel, rng: np.random.Generator, n: int = SAMPLES
 def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> Array:
     """Return a path (n, 6) that reveals much about the cables in few samples: the wrist swings through its whole range.
 
-    From sample to sample the wrist goes to the next point of a Sobol sequence. Most of its swings are wider than the
-    play, so each sample shows the loops at another place; along a smooth path a joint reverses every eight samples, and
-    in between all samples show the same side of its play (``benchmarks/bench_excitation.py``).
+    From sample to sample the wrist goes to the next point of a Sobol sequence. Most of these swings are wider than the
+    backlash, so each sample shows another place of the hysteresis loops. Along a smooth path a joint reverses only
+    every eight samples, and all samples in between show the same side of its loop (``benchmarks/bench_excitation.py``).
 
     Raises TrocarError: the box leaves the arm's joint limits, or n is below 2 or above ``MOST_SAMPLES``.
     """
     _check(arm, n, box)
-    from scipy.stats import qmc  # a second, for every command that knows stations
+    from scipy.stats import qmc  # takes a second to import, and few callers need it
 
     wrist = qmc.Sobol(3, rng=0).random_base2(int(np.ceil(np.log2(n))))[:n]
     phase = TURN * np.arange(n)[:, None] / n
@@ -94,7 +94,7 @@ def wide_path(arm: ArmModel, n: int = WIDE_ROWS, box: MotionBox = PSM1_BOX) -> A
 
 
 def slack_taken_up(arm: ArmModel, path: Array) -> Array:
-    """Return commands (2 + n, 6): two that swing the wrist back and forth, which takes up its slack, then a path."""
+    """Return commands (2 + n, 6): two that swing the wrist back and forth to take up its slack, then the path."""
     swing = np.append(np.zeros(3), EXERCISE_RAD)
     return np.concatenate([np.clip([path[0] + swing, path[0] - swing], arm.lower, arm.upper), path])
 

@@ -1,4 +1,4 @@
-"""Quadratic programs over paths that keep the limits of a robot."""
+"""Quadratic programs over paths that keep a robot's limits of velocity and acceleration."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class QuadraticSpline:
 
     @cached_property
     def intervals(self) -> NDArray[np.int64]:
-        """Return the interval (n + 1,) to which each knot belongs: the next one; for the last knot, the one before."""
+        """Return the interval (n + 1,) to which each knot belongs: the one after it, or before it for the last knot."""
         count = len(self.steps_s)
         return np.minimum(np.arange(count + 1), count - 1)
 
@@ -73,7 +73,9 @@ class QuadraticSpline:
         full speed in between if needed. (Full speed may be reached within an interval, which cannot be represented
         exactly; this is neglected.)
 
-        ``speed``: at the start; low enough to stop within the path's time; ``limits``: of velocity and acceleration.
+        Args:
+            speed: (joints,) at the start; low enough to stop within the path's time.
+            limits: limits of velocity and acceleration.
         """
         since, push = (self.times_s - self.times_s[0])[:, None], limits.acceleration
         forward_s = (since[-1] - speed / push) / 2
@@ -122,7 +124,7 @@ class LimitedPaths:
         return np.concatenate([self._start[:2], x, x[-1:]])
 
     def columns(self, weights: Array, intervals: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-        """Return weights (..., 3) of control points as weights (..., 3) of free ones, and which (..., 3) these are."""
+        """Return weights (..., 3) of control points as weights (..., 3) of free ones, and the indices of these."""
         columns = intervals[..., None] + np.arange(-2, 1)
         return np.where(columns >= 0, weights, 0.0), np.clip(columns, 0, len(self.spline.steps_s) - 2)
 

@@ -20,7 +20,7 @@ _SHAPES = {"radii": (3,), "offset": (3,), "K": (3, 3), "C": (3, 3), "noise_sd": 
 
 
 def play_operator(u: ArrayLike, radii: ArrayLike, start: ArrayLike | None = None) -> Array:
-    """Return the play operator of a sequence, ``P_t = clip(P_{t-1}, u_t - r, u_t + r)``: an exact model of backlash.
+    """Return the output of a play operator, ``P_t = clip(P_{t-1}, u_t - r, u_t + r)``: an exact model of backlash.
 
     The slack ``u - P`` lies in [-r, r]. It depends on past reversals, not on the rate.
 
@@ -89,7 +89,7 @@ class CablePlant:
         object.__setattr__(self, "_rows", tuple(map(tuple, rows)))
 
     def with_offset(self, offset: ArrayLike) -> CablePlant:
-        """Return the same cables with the offset (3,) of q4 q5 q6 in rad of another session."""
+        """Return the same cables with another session's offset (3,) of q4 q5 q6, in rad."""
         return replace(self, offset=np.asarray(offset, dtype=np.float64))
 
     def inputs(self, q_cmd: Array) -> Array:
@@ -202,7 +202,7 @@ def fit_plant(recording: Recording) -> CablePlant:
     q, valid = recording.q_cmd, recording.valid
     if valid.sum() < 30:
         raise InvalidInput(recording.name, f"has {valid.sum()} valid rows", "identifying a plant needs 30 or more")
-    from scipy.optimize import minimize  # slow to import; few callers identify a plant, all draw one
+    from scipy.optimize import minimize  # slow to import, and few callers need it
 
     error = (recording.q_phy - q)[:, WRIST][valid]
 

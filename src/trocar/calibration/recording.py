@@ -1,4 +1,4 @@
-"""Recordings of commanded and measured joints, on which cable models are fitted, and the files that they come in."""
+"""Recordings of commanded and measured joints, to which cable models are fitted, and their files."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ FOLDER_FILES = (("q_cmd.npy", "q_phy.npy"), ("q_des.npy", "q_act.npy"))
 """Pairs of files (commanded, measured) that a folder may contain."""
 
 BAGS, BAG_METADATA = (".bag", ".db3", ".mcap"), "metadata.yaml"
-"""Files of ROS's recordings, and what makes a folder one."""
+"""Suffixes of ROS bags, and the file that marks a folder as one."""
 
 COMMANDED, MEASURED = (
     tuple(f"{name}_{kind}_{unit}" for name, unit in zip(JOINT_NAMES, JOINT_UNITS, strict=True))
     for kind in ("commanded", "measured")
 )
-VALID = "valid"  # columns of a CSV file, besides one of times
+VALID = "valid"  # CSV column: 1 for good rows, else 0
 EXAMPLE = f"time_s,{COMMANDED[0]},...,{COMMANDED[-1]},{MEASURED[0]},...,{MEASURED[-1]}"
 NO_MOTION_RAD = 1e-6
 MISDETECTION_RAD = 1.0
 """Cable errors of the wrist stay below .6 rad; a measurement this far from its command is a misdetected pose."""
 LARGEST = {"rad": (2 * np.pi, "degrees"), "m": (1.0, "millimetres")}
-"""No joint of these arms turns or goes in further; larger values are in another unit."""
+"""The largest command that an arm can have in each unit, and the unit that a larger value suggests."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +112,11 @@ class Recording:
         return self.q_phy - self.q_cmd
 
     def save(self, path: str | Path) -> Path:
-        """Write the recording to an ``.npz`` file; the same recording is the same bytes.
+        """Write the recording to an ``.npz`` file; the same recording gives the same bytes.
 
         Raises:
-            BadFile: the name does not end in .npz, or there is something else already.
-            MachineError: it cannot be written.
+            BadFile: the name does not end in .npz, or a file of another kind has this name.
+            MachineError: the file cannot be written.
         """
         path = Path(path)
         if path.suffix != ".npz":
@@ -133,7 +133,7 @@ class Recording:
         return Recording(self.q_cmd[:rows], self.q_phy[:rows], self.valid[:rows], self.t_s[:rows], self.name)
 
     def scored(self, from_row: int = 0) -> Recording:
-        """Return the recording with all commands, but only the measurements from a row on valid."""
+        """Return the recording with only the measurements from ``from_row`` on valid; all commands are kept."""
         if not 0 <= from_row < len(self):
             raise InvalidInput(f"row {from_row}", f"is not within the {len(self)} rows of {self.name}")
         part = replace(self, valid=self.valid & (np.arange(len(self)) >= from_row))
@@ -143,7 +143,7 @@ class Recording:
         return part
 
     def require_motion(self) -> None:
-        """Raise InvalidInput if a wrist joint is at rest in all valid rows: nothing can be learned about its cable."""
+        """Raise InvalidInput if a wrist joint rests in all valid rows, which show nothing about its cable."""
         for joint in (3, 4, 5):
             q = self.q_cmd[self.valid, joint]
             if len(q) and np.ptp(q) < NO_MOTION_RAD:
@@ -160,7 +160,7 @@ class Recording:
                 raise InvalidInput(self.name, problem, f"give {unit}, and the joints in the order q1 to q6")
 
     def why_invalid(self) -> str:
-        """Return how many rows do not count and by which rule; empty if all count."""
+        """Return how many rows are not valid and why; empty if all are valid."""
         finite = np.isfinite(self.q_phy).all(axis=1)
         plausible = _plausible(self.q_cmd, self.q_phy)
         reasons = {
@@ -174,10 +174,10 @@ class Recording:
 def load_recording(path: str | Path) -> Recording:
     """Return the recording in an ``.npz`` file (q_cmd, q_phy, optional valid, t_s), a CSV file, or a folder.
 
-    The columns of a CSV file are :data:`COMMANDED` and :data:`MEASURED`, in any order, one of times, and ``valid``
-    (1 or 0); an empty cell is a missing measurement. A folder contains ``q_cmd.npy`` and ``q_phy.npy``, or
-    ``q_des.npy`` (commanded) and ``q_act.npy`` (measured), and optionally ``valid.npy`` and ``t_s.npy``. A row also
-    counts as bad if the measurement is not finite or a wrist angle is more than 1 rad from its command, a misdetection.
+    A CSV file has the columns :data:`COMMANDED` and :data:`MEASURED`, in any order, and optionally one of times and
+    ``valid`` (1 or 0); an empty cell is a missing measurement. A folder contains ``q_cmd.npy`` and ``q_phy.npy``, or
+    ``q_des.npy`` (commanded) and ``q_act.npy`` (measured), and optionally ``valid.npy`` and ``t_s.npy``. A row is also
+    invalid if its measurement is not finite, or a misdetection: a wrist angle 1 rad or more from its command.
 
     Raises:
         BadFile: the file is missing, empty, truncated, not of this form, or in other units than rad and m.

@@ -1,8 +1,8 @@
-"""A fit that starts from what instruments have in common, and needs a minute of recording for the rest.
+"""Fits of the play model that start from the fleet prior, so that a minute of recording is enough.
 
-The first seconds of a recording are ambiguous: it is unknown where in its play each cable rests until it has been
-pulled through all of it, and offsets look like slack. So the fit tries several initial states of the cables and weights
-each by how well it explains the measurements.
+The first seconds of a recording are ambiguous: where in its play a cable rests is unknown until the cable has been
+pulled through all of it, and until then an offset looks like slack. So the fit tries several initial states of the
+cables and weights each by how well it explains the measurements.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ OWN_ROWS = 200  # with fewer rows than this, no effects beyond those in the prio
 ENOUGH_ROWS = 600
 """With this many rows, eight minutes on the robot, a recording needs no prior: on the last fifth of five recordings, a
 fit without one was better as often as worse."""
-HELD_SHARE = 0.3  # share of the rows, at the end, on which the two maps are compared
+HELD_SHARE = 0.3  # share of the rows, at the end, on which the prior's map is compared with the instrument's own
 WIDER = np.array([1.4, 2.3, 1.7])
 """Errors of q4 q5 q6 are larger than the regression states by these factors: real loops are not quite of this shape,
 and errors drift. Found on six recordings of instruments that the prior never saw, after 50 and 100 rows
 (`benchmarks/bench_prior.py`)."""
 SHARPNESS = 4
-"""The two maps are mixed by the ratio of their squared errors there, raised to this power: half the squared error
-counts 16 times as much."""
+"""The two maps are mixed by the ratio of their squared errors on these rows, raised to this power: a map with half the
+squared error counts 16 times as much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Learned:
 
 
 def expected(prior: FleetPrior, box: MotionBox) -> PlayModel:
-    """Return the play model of an instrument that moves in a box, and about which only the prior is known."""
+    """Return the play model of an instrument about which only the prior is known, and which moves in a box."""
     shape = LoopShape.of(prior.shape_mean)
     training = TrainingMotion(box.step, box.lower, box.upper, 0)
     offset = np.concatenate([np.zeros(3), prior.weights[:, 0]])
@@ -77,7 +77,7 @@ def fit_from_prior(recording: Recording, prior: FleetPrior) -> PlayModel:
     """
     training = TrainingMotion.of(recording)
     if training.rows >= ENOUGH_ROWS:
-        return PlayModel.fit(recording, np.random.default_rng(0))  # which draws nothing
+        return PlayModel.fit(recording, np.random.default_rng(0))  # this fit draws no numbers
     if training.rows < OWN_ROWS:
         return learn_from(recording, prior).model
     shape = _shape(recording, prior)
@@ -117,7 +117,7 @@ def _shape(recording: Recording, prior: FleetPrior, sd_rad: Array | None = None)
     if recording.valid.sum() > SHAPE_ROWS:
         plant = fit_plant(recording)
         return LoopShape(plant.radii, plant.a, plant.b)
-    from scipy.optimize import minimize  # slow to import; few fit, all know stations
+    from scipy.optimize import minimize  # slow to import, and few callers need it
 
     def cost(theta: Array) -> float:
         likely = _explained(recording, LoopShape.of(theta), prior, sd_rad).likely

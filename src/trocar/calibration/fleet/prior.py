@@ -137,7 +137,7 @@ class FleetPrior:
         shapes, weights, outer, left = (
             np.array([getattr(fit, name) for fit in fits]) for name in ("shape", "weights", "outer", "left")
         )
-        spread = np.sqrt(1.0 + 1.0 / len(fits))  # deviation of the next one from the mean of these
+        spread = np.sqrt(1.0 + 1.0 / len(fits))  # a new recording deviates more from this mean than these do
         factors = []
         for joint in range(3):
             away = weights[:, joint] - weights[:, joint].mean(axis=0)
@@ -163,7 +163,7 @@ class FleetPrior:
         return tuple(fit.name for fit in self.fits)
 
     def without(self, instrument: str) -> FleetPrior:
-        """Return the prior without recordings whose names begin like this (TrocarError: fewer than two are left)."""
+        """Return the prior without recordings whose names begin so (TrocarError: fewer than two are left)."""
         return FleetPrior.of([fit for fit in self.fits if not fit.name.startswith(instrument)])
 
     def save(self, path: str | Path) -> Path:

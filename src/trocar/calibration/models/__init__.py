@@ -1,4 +1,4 @@
-"""Cable models by name, and in files: nothing in a file is trusted before it is checked."""
+"""Cable models by name, and their files, whose content is checked before it is used."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def save_model(model: CableModel, path: str | Path, fingerprint: str = "") -> Pa
     """Write a model to an ``.npz`` file; an interrupted write leaves an older file intact.
 
     Args:
-        model: to be kept.
-        path: of the file, ending in ``.npz``.
-        fingerprint: of the run that it belongs to, if it belongs to one.
+        model: the model to save.
+        path: path of the file, ending in ``.npz``.
+        fingerprint: fingerprint of the run that the model belongs to, if any.
     """
     path = Path(path)
     if path.suffix != ".npz":
@@ -59,11 +59,11 @@ def load_model(path: str | Path, fingerprint: str | None = None) -> CableModel:
     """Return the model in a file that :func:`save_model` wrote.
 
     Args:
-        path: of the file.
-        fingerprint: of the run that it has to belong to; None: to any or none.
+        path: path of the file.
+        fingerprint: fingerprint of the run that the model must belong to; None allows any run or none.
 
     Raises:
-        BadFile: there is no such file, it is no cable model, a damaged one, or another run's.
+        BadFile: the file does not exist, is not a cable model, is damaged, or belongs to another run.
     """
     if looks_like_recording(path):
         raise BadFile(path, "is a recording, not a cable model", "give a file that `calibrate fit` wrote")
@@ -86,7 +86,7 @@ def load_model(path: str | Path, fingerprint: str | None = None) -> CableModel:
 
 
 def _require_sense(model: CableModel) -> None:
-    """Raise if a model predicts absurd errors in the middle of the motion that it was fitted on."""
+    """Raise InvalidInput if a model predicts absurd errors in the middle of its training motion."""
     middle = (model.training.lower + model.training.upper) / 2
     off = model.step(model.start(middle), middle)[0] - middle
     if off.shape != (6,) or not np.isfinite(off).all() or np.abs(off).max() > MISDETECTION_RAD:

@@ -52,12 +52,12 @@ class CableModel(Protocol):
     """A forward model of the cables: joints from the history of commands.
 
     ``step`` is pure: it returns the joints and a new state without changing the old one, so that a controller can try
-    several commands from one state. For a sequence that starts at rest, ``predict`` gives what ``start`` at its first
-    command and ``step`` through all of them give.
+    several commands from one state. For a sequence that starts at rest, ``predict`` returns the same joints as
+    ``start`` at the first command followed by a ``step`` for each command.
     """
 
     name: ClassVar[str]
-    """On the command line and in files."""
+    """Name on the command line and in files."""
     rate_independent: ClassVar[bool]
     """Whether the joints depend only on the path of the commands, however densely it is sampled."""
 
@@ -99,7 +99,7 @@ class CableModel(Protocol):
 
 @runtime_checkable
 class Invertible(Protocol):
-    """A cable model that also provides the wrist's Jacobian: its commands are found exactly, not by Algorithm 1."""
+    """A cable model that also provides the wrist's Jacobian, so that commands are found exactly, not by Algorithm 1."""
 
     def linearize(self, state: Any, q_cmd: Array) -> tuple[Array, Array]:
         """Return the joints (6,) after the command (6,), and the wrist's d q_joint / d q_cmd (3, 3)."""
@@ -138,9 +138,9 @@ def shaped(arrays: Arrays, **shapes: tuple[int | str, ...]) -> dict[str, NDArray
 
     >>> shaped(arrays, offset=(6,), radii=(3, "k"), linear=(3, "d"))
 
-    A letter in a shape stands for any length, the same wherever it stands.
+    A letter in a shape stands for any length, the same in all shapes.
 
-    Raises InvalidInput: one is missing, has another shape, or holds what is not finite or absurdly large.
+    Raises InvalidInput: an array is missing, has another shape, or holds values that are not finite or absurdly large.
     """
     lengths: dict[str, int] = {}
     found: dict[str, NDArray[Any]] = {}

@@ -1,4 +1,4 @@
-"""Linear cable models: a constant error, and a linear map from the last commands, the memory of a window."""
+"""Linear cable models: a constant offset, and a linear map of a window of the last commands."""
 
 from __future__ import annotations
 

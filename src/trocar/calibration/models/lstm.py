@@ -53,7 +53,7 @@ class LstmModel(WithOffset):
 
     @classmethod
     def fit(cls, recording: Recording, rng: np.random.Generator) -> Self:
-        """Return the network trained by Adam on the mean squared error; needs the extra ``learn``."""
+        """Return the network trained by AdamW on the mean squared error; needs the extra ``learn``."""
         training = TrainingMotion.of(recording)
         x = windows(recording.q_cmd)[recording.valid]
         error = recording.errors[recording.valid]

@@ -1,4 +1,4 @@
-"""Play operators of many radii with a learned map, whose memory lasts as long as that of the backlash."""
+"""The play model: a learned map of play operators of many radii, which remembers as long as real backlash does."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class PlayModel(WithOffset):
 
     @cached_property
     def mix(self) -> Array:
-        """Return the matrix (3, 3) from the wrist's command to what the operators see."""
+        """Return the matrix (3, 3) from the wrist's command to the operators' inputs."""
         return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, self.a], [0.0, self.b, 1.0]])
 
     @classmethod
@@ -114,7 +114,7 @@ class PlayModel(WithOffset):
         return joints, np.eye(3) + gradient[:, :3] + by_slack @ self.mix
 
     def inputs(self, q_cmd: Array) -> Array:
-        """Return what the operators see, or its rates, ``[q4, q5 + a q6, q6 + b q5]``; (..., 6) -> (..., 3)."""
+        """Return the operators' inputs ``[q4, q5 + a q6, q6 + b q5]``, of rates too; (..., 6) -> (..., 3)."""
         return q_cmd[..., WRIST] @ self.mix.T
 
     def remember(self, state: PlayBank, q_cmd: Array) -> PlayBank:
