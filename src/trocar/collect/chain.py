@@ -1,4 +1,4 @@
-"""Collect, register, fit, evaluate: one arm's calibration from first image to cable model; its picture and table."""
+"""Calibrate one arm from images: measure the joints, fit and evaluate a cable model, draw the picture and the table."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Calibrated:
 
     @property
     def distance_error_m(self) -> Array:
-        """Return by how much distances between spheres of one part differ from those printed, as a flat array."""
+        """Return measured minus printed distances between spheres of one part, as a flat array."""
         errors = distance_errors_m(self.collection.fixture, self.measured.p_camera_m)
         return errors[np.isfinite(errors)]
 
@@ -51,7 +51,7 @@ class Calibrated:
         return (self.recording.q_phy - q)[self.recording.valid]
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures of the report as JSON's values; ``off`` is from where the base was registered before."""
+        """Return the report's figures as JSON values; ``off_*`` compare the base with the one registered before."""
         shaft, recording = self.measured.shaft, self.recording
         used = int(shaft.inliers.sum())
         registration = {"rms_mm": 1e3 * shaft.rms_m, "used": used, "rejected": len(shaft.inliers) - used}
@@ -75,7 +75,7 @@ class Calibrated:
         return found
 
     def drawn(self, folder: str | Path) -> tuple[dict[str, Any], list[Path]]:
-        """Draw pictures into a folder; return the figures, against the truth if it is known, and the further files."""
+        """Draw pictures into a folder; return the figures, against the truth if it is known, and the other files."""
         folder, arm, files = Path(folder), self.collection.arm, []
         if isinstance(self.collection, Collection):
             files.append(draw_calibration(self, self.collection, folder / f"calibration_{arm}.png"))
@@ -84,7 +84,7 @@ class Calibrated:
         return self.judged(self.collection) if isinstance(self.collection, Collection) else self.summary(), files
 
     def judged(self, truth: Collection) -> dict[str, Any]:
-        """Return the summary, with errors against the simulator's truth in place of those against what was known."""
+        """Return the summary with errors against the simulator's truth, not against commands and registration."""
         found = self.summary()
         found["simulated_minutes"] = found.pop("minutes")
         found["joint_rms"] = _rms(self.error(truth.q_joint)).tolist()
@@ -105,15 +105,15 @@ def calibrated(
     fraction: float = 0.8,
     rng: np.random.Generator,
 ) -> Calibrated:
-    """Write recording and cable model of one arm into a folder.
+    """Measure one arm's joints, fit a cable model, and write both into a folder.
 
     Args:
-        collection: of the arm.
-        centers: (n, k, 3) of the spheres in all its rows.
+        collection: commands and view of the arm.
+        centers: (n, k, 3) centres of the spheres in all rows.
         folder: gets ``recording_ARM.npz`` and ``cables_ARM.npz``.
-        model: cable model, fitted on the first rows; None: none.
-        fraction: share of the rows that it is fitted on; the rest is for its evaluation.
-        rng: of the fit.
+        model: name of the cable model, fitted on the first rows; None: none is fitted.
+        fraction: share of the rows that the model is fitted on; the rest is for its evaluation.
+        rng: random numbers of the fit.
     """
     folder, arm = Path(folder), collection.arm
     measured = collection.measured(centers)
@@ -128,7 +128,7 @@ def calibrated(
 
 
 def draw_calibration(found: Calibrated, truth: Collection, path: str | Path) -> Path:
-    """Draw an image with the spheres found, distances between spheres, and the joints' errors over time."""
+    """Draw an image with the spheres found, histograms of errors, and the wrist's errors over time."""
     figure = Figure(figsize=(14, 8), layout="constrained", dpi=110)
     grid = figure.add_gridspec(2, 3)
     _draw_image(figure.add_subplot(grid[0, 0]), found, truth)
@@ -164,7 +164,7 @@ def draw_calibration(found: Calibrated, truth: Collection, path: str | Path) -> 
 
 
 def collection_table(arms: dict[str, dict[str, Any]]) -> Table:
-    """Return the figures of all arms beside the targets; those against the truth where it is known."""
+    """Return a table of all arms' figures and the targets; errors are against the truth where it is known."""
     table = Table(title="calibration from images")
     table.add_column("", justify="left")
     for name in (*arms, "must hold"):
@@ -217,5 +217,5 @@ def _rms(errors: Array) -> Array:
 
 
 def _off(T_camera_base: SE3, found: SE3) -> dict[str, float]:
-    """Return how far a base was found off another pose."""
+    """Return how far a base was found from another pose, in mm and deg."""
     return {f"off_{unit}": by for unit, by in apart(T_camera_base, found).items()}

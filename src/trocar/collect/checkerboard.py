@@ -1,6 +1,6 @@
-"""A cell registered by a checkerboard: held by hand for the lenses, by a bracket on each base for the poses.
+"""Register a cell with a checkerboard, held by hand for the lenses and by a bracket on each base for the poses.
 
-Kehoe et al. 2014, IV-B: the poses of the bases relative to each other follow from the camera's frame.
+The poses of the bases relative to each other follow from their poses in the camera's frame (Kehoe et al. 2014, IV-B).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ MARGIN_PX = 90  # margin round the corners in a picture
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """What both eyes saw of a board."""
+    """A board as both eyes saw it."""
 
     image: StereoImage
     left_px: Array  # (n, 2) corners in the left image, in the board's order
@@ -101,7 +101,7 @@ class CellRegistration:
         return float(np.linalg.norm(off, axis=-1).mean())
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures of the report as JSON's values."""
+        """Return the report's figures as JSON values."""
         return {
             "views_shown": self.shown,
             "views_used": len(self.hand_px),
@@ -115,7 +115,7 @@ class CellRegistration:
 
 
 def apart(true: SE3, found: SE3) -> dict[str, float]:
-    """Return by what distance and angle a pose differs from the true one."""
+    """Return the distance (``mm``) and angle (``deg``) between a pose and the true one."""
     off = true.inverse() @ found
     return {"mm": 1e3 * float(np.linalg.norm(off.translation_m)), "deg": float(np.degrees(off.rotation.angle()))}
 
@@ -143,16 +143,16 @@ def register_cell(
     flaws: SensorFlaws | None = None,
     listener: Listener | None = None,
 ) -> CellRegistration:
-    """Show the board, calibrate the lenses, mount the brackets, find camera and bases; all from images.
+    """Calibrate a pair's lenses and register camera and bases, all from simulated images of a checkerboard.
 
     Args:
         station: the cell.
-        seeds: of the person's hand, the brackets' errors and the images.
-        flaws: of the camera, in place of the station's.
+        seeds: seeds of the person's hand, the brackets' errors and the images.
+        flaws: flaws of the camera, in place of the station's.
         listener: called after each image.
 
     Raises:
-        TrocarError: the station has no checkerboard or no pair, or the camera does not see the board.
+        TrocarError: the station has no checkerboard or no stereo pair, or the camera does not see the board.
     """
     how, camera = checkerboard_of(station), stereo_camera(station)
     hand, brackets, images = (np.random.default_rng(seed) for seed in seeds.spawn(3))
@@ -195,7 +195,7 @@ def register_cell(
 
 
 def _seen(board: Checkerboard, image: StereoImage) -> BoardView | None:
-    """Return the corners in both eyes, or None if one of them does not find them."""
+    """Return the corners in both eyes; None if they are not found in one of them."""
     left, right = find_corners(board, image.left), find_corners(board, image.right)
     return None if left is None or right is None else BoardView(image, left, right)
 
@@ -230,7 +230,7 @@ def draw_registration(found: CellRegistration, path: str | Path) -> Path:
 
 
 def registration_table(figures: dict[str, Any]) -> Table:
-    """Return the figures of a registration's summary."""
+    """Return a table of a registration's summary."""
     table = Table(title="registration by a checkerboard")
     table.add_column("", justify="left")
     arms = list(figures["T_world_base"])

@@ -1,4 +1,4 @@
-"""A collection in simulation: images of an arm at rest after each command, and the truth for evaluating them."""
+"""A collection in simulation: images of an arm at rest after each command, and the truth to evaluate estimates."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ class Collection(CollectionPlan):
         """Choose the commands; no image is taken yet.
 
         Args:
-            session: with the cables and the camera.
-            arm: which one, by name.
+            session: the day whose cables and camera are used.
+            arm: name of the arm.
             box: range of the motion.
-            seeds: of everything random.
-            rows: how many samples.
-            every: an image is taken after each so-many-th of them.
+            seeds: seeds of everything random.
+            rows: number of samples.
+            every: an image is taken of every so-many-th sample.
             wide: whether the motion is the short one of wide swings.
-            flaws: of the camera, in place of the station's.
+            flaws: flaws of the camera, in place of the station's.
         """
         station = session.station
         self._session, self._flaws, self._every = session, flaws, every
@@ -78,19 +78,19 @@ class Collection(CollectionPlan):
     def q_joint(self) -> Array:
         """Return the joints (n, 6) that would put the tip where it truly is if the base were where it is registered.
 
-        These are what an estimate should find. They are for evaluating it, never for the estimate itself.
+        An estimate should find these. They serve to evaluate it, never to make it.
         """
         T_camera_tip = self.T_camera_base_true @ fk(self._session.models[self.arm], self._q_joint)
         return joints_of_tips(self.view.arm, self.view.T_camera_base.inverse() @ T_camera_tip, self._q_joint)
 
     @property
     def T_camera_base_true(self) -> SE3:
-        """Return the true pose of the base in the camera, only for evaluating the registration."""
+        """Return the true pose of the base in the camera, only to evaluate the registration."""
         return self._session.T_world_camera[self._camera].inverse() @ self._session.T_world_base[self.arm]
 
     @property
     def digest(self) -> str:
-        """Return what distinguishes this collection from others."""
+        """Return a hash that distinguishes this collection from others."""
         text = f"{super().digest} {self._printer} {self._images} {self._flaws} {self._every}".encode()
         return hashlib.sha256(self._q_joint.tobytes() + text).hexdigest()[:16]
 
@@ -108,9 +108,12 @@ class Collection(CollectionPlan):
     def run(self, path: str | Path | None = None, listener: Listener | None = None) -> Array:
         """Return the centres (n, k, 3) of all rows; resume where the file of an interrupted collection ends.
 
-        ``path``: of the file; None: nothing is kept; ``listener``: called after each row.
+        Args:
+            path: the file; None keeps nothing.
+            listener: called after each row.
 
-        Raises TrocarError: the file is of another collection, damaged, or cannot be written.
+        Raises:
+            TrocarError: the file is of another collection, damaged, or cannot be written.
         """
         path = None if path is None else Path(path)
         found = [] if path is None else self.kept(path)

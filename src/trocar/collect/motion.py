@@ -1,4 +1,4 @@
-"""Where an arm goes to be calibrated: a random smooth path whose spheres stay in the camera's view."""
+"""Commands for a calibration from images: a path on which the arm's spheres stay in the camera's view."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from trocar.perception.image import Intrinsics
 
 MARGIN_PX = 6.0  # margin between a sphere, at the commanded joints, and the edge of the image
 CABLES_M = 14e-3
-"""The jaw's spheres may be this far from where the commands place them: cables have errors of .3 rad and more, and the
+"""The jaw's spheres may be this far from where the commands place them: cable errors reach .3 rad and more, and the
 spheres are 44 mm from the middle of the wrist."""
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
 """Shares of the outer joints' distance from their middle that are tried, largest first."""
 WRIST_STEPS = 7
-SMOOTH_ROWS = 41  # rows over which such a share changes, so that the path stays smooth; odd
+SMOOTH_ROWS = 41  # odd number of rows over which these shares are smoothed, so that the path stays smooth
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What an RGBD camera sees of an arm that wears the spheres."""
+    """An RGBD camera's view of an arm that wears the spheres."""
 
     arm: ArmModel
     lens: Intrinsics
@@ -40,7 +40,7 @@ class View:
     def bounds_px(self, q: Array) -> tuple[Array, Array]:
         """Return the corners (..., 2) u, v of the rectangles that hold all spheres at joints (..., 6), with a margin.
 
-        The jaw's spheres may be off their places, because of the cables. NaN: not in front of the camera.
+        The rectangles allow for cable errors of the jaw's spheres. NaN: a sphere is not in front of the camera.
         """
         p = self.T_camera_base.apply(SIX_SPHERES.base_centers_m(self.arm, q))
         pixels, slack_m = project(self.lens, p), np.where(SIX_SPHERES.on_shaft, 0.0, CABLES_M)
@@ -69,9 +69,9 @@ def commands_in_view(view: View, box: MotionBox, rows: int, seed: np.random.Seed
     """Return commands (2 + rows, 6): two that swing the wrist back and forth, which takes up the slack, then the path.
 
     Where the path leaves the view, the outer joints are pulled towards the middle of their ranges; the wrist, whose
-    cables are to be learned, keeps its path. ``wide``: it is the short one of wide swings.
+    cables are to be learned, keeps its path. ``wide`` selects the short path of wide swings.
 
-    Raises TrocarError: some poses of the wrist are not in view anywhere.
+    Raises TrocarError: the spheres leave the view even with the outer joints in the middle.
     """
     smooth = random_smooth_path(view.arm, np.random.default_rng(seed), max(rows, SAMPLES), box)
     path = wide_path(view.arm, rows, box) if wide else smooth
@@ -80,7 +80,7 @@ def commands_in_view(view: View, box: MotionBox, rows: int, seed: np.random.Seed
 
 
 def why_no_images(station: Station, arm: str, box: MotionBox) -> str:
-    """Return why an arm of a station cannot be calibrated from images; empty: it can."""
+    """Return why an arm of a station cannot be calibrated from images; empty if it can."""
     model = station.arm(arm).model
     try:
         require_psm(model)
@@ -94,7 +94,7 @@ def why_no_images(station: Station, arm: str, box: MotionBox) -> str:
 
 
 def depth_camera(station: Station) -> str:
-    """Return the name of a station's first camera that sees depth (TrocarError: there is none)."""
+    """Return the name of a station's first depth camera (TrocarError: there is none)."""
     found = [name for name, camera in station.cameras.items() if isinstance(camera.model, Intrinsics)]
     if not found:
         problem = "has no camera that sees depth, which spheres need"
@@ -108,7 +108,7 @@ def _not_in_view(arm: ArmModel) -> InvalidInput:
 
 
 def _pulled_into_view(view: View, path: Array, middle: Array) -> Array:
-    """Return q1 q2 q3 (n, 3) pulled towards their middle (3,) as far as each row needs it, smoothly along the path."""
+    """Return q1 q2 q3 (n, 3), pulled towards their middle (3,) as far as each row needs, smoothly along the path."""
     need = np.full(len(path), np.nan)
     for share in SHARES:
         tried = path.copy()

@@ -1,4 +1,4 @@
-"""A collection on a real arm: it goes from command to command; at rest after each, a camera sees its spheres."""
+"""A collection on a real arm: images of its spheres, at rest after each command."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from trocar.perception.spheres import find_spheres
 SETTLE_S = 0.2
 """An arm rests this long before its image is exposed."""
 REPEATED = 30
-"""A collection that goes on repeats this many rows, without images: what a cable does depends on the commands before,
-and so many swing a wrist through all its slack."""
+"""A resumed collection first repeats this many rows without images. A cable's state depends on earlier commands, and
+this many swing the wrist through all its slack."""
 
 
 class RobotCollection(CollectionPlan):
-    """The calibration of one arm of a station by the spheres that it wears: as the simulated one of the same seeds.
+    """The calibration of one real arm by the spheres that it wears; it uses its seeds as the simulated one does.
 
     Args:
-        station: with its bases and camera as registered.
-        arm: which one, by name.
-        seeds: of the motion.
-        rows: how many samples.
+        station: the station, with its bases and camera as registered.
+        arm: name of the arm.
+        seeds: seeds of the motion.
+        rows: number of samples.
         wide: whether the motion is the short one of wide swings.
 
     Raises:
-        InvalidInput: the camera does not see the spheres there, or the arm may not go there.
+        InvalidInput: the spheres leave the camera's view, or the tip leaves the arm's workspace.
     """
 
     def __init__(self, station: Station, arm: str, seeds: np.random.SeedSequence, rows: int, *, wide: bool = False):
@@ -58,11 +58,11 @@ class RobotCollection(CollectionPlan):
                 raise InvalidInput(f"the calibration of arm {arm!r}", problem, "set another range, or another box")
 
     async def collect(self, cell: Cell, path: Path, listener: Listener) -> None:
-        """Collect the rows that a file does not have; each is in it as soon as it was seen.
+        """Collect the rows that a file does not have; each row is saved as soon as it was seen.
 
         Args:
-            cell: with the arm and the camera.
-            path: of the file.
+            cell: the cell with the arm and the camera.
+            path: the file.
             listener: called after each row.
 
         Raises:
@@ -86,7 +86,7 @@ class RobotCollection(CollectionPlan):
             listener(row + 1, len(self.q_cmd))
 
     async def _go(self, cell: Cell, row: int) -> None:
-        """Move to a row's command, and raise unless the arm comes there."""
+        """Move to a row's command; raise the cause if the arm does not get there."""
         motion = rest_to_rest(cell.robot.setpoint(self.arm).q, self.q_cmd[row], self._there.limits)
         result = (await cell.robot.move({self.arm: motion}))[self.arm]
         if result.cause is not None:

@@ -1,4 +1,4 @@
-"""What a collection is, whoever's arm moves: commands in view, the spheres seen after each, joints from them."""
+"""What simulated and real collections share: commands in view, the spheres' centres and their file, the joints."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ Listener = Callable[[int, int], None]  # called with the number of rows done and
 
 
 class CollectionPlan:
-    """The commands of one arm that wears the spheres, and what is made of the spheres' centres after each.
+    """The commands of one arm that wears the spheres, and the measurement of its joints from the spheres' centres.
 
     Attributes:
-        arm: name.
-        T_world_camera: the camera's pose, as registered.
-        view: of the camera, likewise.
+        arm: name of the arm.
+        T_world_camera: pose of the camera, as registered.
+        view: view of the camera, as registered.
         fixture: the spheres, as designed.
         q_cmd: (n, 6) commands; the first ``unseen`` take up the slack and get no image.
-        t_s: (n,) time of each row on the robot; not yet known: NaN.
+        t_s: (n,) time of each row on the robot; NaN while it is unknown.
     """
 
     def __init__(
@@ -54,13 +54,13 @@ class CollectionPlan:
         """Choose the commands.
 
         Args:
-            arm: name.
-            model: of the arm.
-            lens: of the camera.
-            T_world_camera: the camera's pose, as registered.
-            T_world_base: the base's, likewise.
+            arm: name of the arm.
+            model: model of the arm.
+            lens: lens of the camera.
+            T_world_camera: pose of the camera, as registered.
+            T_world_base: pose of the base, as registered.
             box: range of the motion.
-            rows: how many samples.
+            rows: number of samples.
             motion: seeds of the motion.
             search: seeds of the search for outliers.
             wide: whether the motion is the short one of wide swings.
@@ -76,7 +76,7 @@ class CollectionPlan:
 
     @property
     def digest(self) -> str:
-        """Return what distinguishes this collection from others."""
+        """Return a hash that distinguishes this collection from others."""
         parts = (self.q_cmd, self.fixture.centers_m, self.view.T_camera_base.matrix)
         text = f"{self.arm} {self.view.lens}".encode()
         return hashlib.sha256(b"".join(part.tobytes() for part in parts) + text).hexdigest()[:16]
@@ -87,7 +87,7 @@ class CollectionPlan:
         return np.full((len(self.fixture.spheres), 3), np.nan)
 
     def window(self, row: int) -> Window:
-        """Return the rectangle of pixels that is read out for a row."""
+        """Return the rectangle of pixels that the camera reads out for a row."""
         lower, upper = self.view.bounds_px(self.q_cmd[row])
         whole = np.array([self.view.lens.width, self.view.lens.height])
         first = np.clip(np.floor(lower), 0, whole - 2).astype(int)
@@ -95,9 +95,9 @@ class CollectionPlan:
         return Window((int(first[0]), int(first[1])), (int(size[0]), int(size[1])))
 
     def kept(self, path: str | Path) -> list[Array]:
-        """Return the centres (k, 3) of each row that a file has, and take over their times; none: there is no file.
+        """Return the centres (k, 3) of each row in a file, and take over their times; empty if there is no file.
 
-        Raises BadFile: it is of another collection, or damaged.
+        Raises BadFile: the file is of another collection, or damaged.
         """
         if not Path(path).is_file():
             return []
@@ -114,17 +114,17 @@ class CollectionPlan:
         return list(np.asarray(centers, dtype=np.float64))
 
     def keep(self, centers: list[Array], path: str | Path) -> None:
-        """Write the centres of the rows so far."""
+        """Write the centres of the rows so far, and their times."""
         header = {"format": FORMAT, "version": VERSION, "arm": self.arm, "collection": self.digest}
         Archive(header, {"p_camera_m": np.array(centers), "t_s": self.t_s[: len(centers)]}).save(path)
 
     def measured(self, p_camera_m: Array) -> Measured:
-        """Return the base, and joints in the base as registered, from the centres of all rows."""
+        """Return the base, and the joints for the base as registered, from the centres (n, k, 3) of all rows."""
         rng, view = np.random.default_rng(self._search), self.view
         return measure(view.arm, self.fixture, p_camera_m, self.q_cmd, view.T_camera_base, rng)
 
     def recording(self, measured: Measured) -> Recording:
-        """Return the recording that cable models are fitted on."""
+        """Return the recording to which cable models are fitted."""
         return Recording(
             q_cmd=self.q_cmd,
             q_phy=measured.q,

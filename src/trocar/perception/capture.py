@@ -16,10 +16,12 @@ UNITS_M = {"mm": 1e-3, "m": 1.0}
 def load_capture(path: str | Path, unit: str | None = None) -> Array:
     """Return the points (n, 3) in m of an .npz (``points_mm``, ``points_m``, or its only array) or .npy file.
 
-    ``path``: the file; ``unit``: 'mm' or 'm'; required if the array's name does not tell it.
+    Args:
+        path: the file.
+        unit: 'mm' or 'm'; required if the array's name does not tell it.
 
     Raises:
-        UnknownName: no such unit.
+        UnknownName: there is no such unit.
         BadFile: the file is missing, broken or of another shape, or its unit is unknown or contradictory.
     """
     if unit is not None and unit not in UNITS_M:

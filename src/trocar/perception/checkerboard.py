@@ -19,8 +19,9 @@ MIN_VIEWS = 6  # minimum number of views of a board to calibrate the lenses of a
 class Checkerboard:
     """A checkerboard; its frame has the origin in the middle, x along the columns, y along the rows, z into the board.
 
-    Held upright before a camera, its frame is parallel to the camera's. The square at the least x and y is black. One
-    of the two numbers of corners is odd and the other even, so that the board looks different after half a turn.
+    The frame of a board held upright before a camera is parallel to the camera's. The square at the least x and y is
+    black. One of the two numbers of corners is odd and the other even, so that the board looks different after half a
+    turn.
     """
 
     columns: int = 10  # inner corners along x

@@ -1,4 +1,4 @@
-"""Segmentation by colour: the share of red, and hue, saturation and value in OpenCV's units (0 to 179, 255, 255)."""
+"""Segmentation by colour: by the share of red, or by hue, saturation, value in OpenCV's units (to 179, 255, 255)."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def undistort(intrinsics: Intrinsics, distorted: Array) -> Array:
     return point
 
 
-@lru_cache(maxsize=16)  # of whole images, and of the windows of a suture's looks
+@lru_cache(maxsize=16)  # for whole images and for the windows that a suture task looks at
 def pixel_rays(intrinsics: Intrinsics) -> Array:
     """Return the direction (height, width, 3) of each pixel in the camera frame, scaled to z = 1."""
     pixels = np.stack(np.meshgrid(np.arange(intrinsics.width), np.arange(intrinsics.height)), -1)
@@ -81,13 +81,13 @@ class Patch:
         return self.rays * self.depth_m[..., None]
 
     def thinned(self, every: int) -> Patch:
-        """Return one of ``every`` rows and columns."""
+        """Return the patch with only every ``every``-th row and column."""
         some = np.s_[::every, ::every]
         return Patch(self.rays[some], self.depth_m[some], self.color[some])
 
 
 def patch_around(image: RgbdImage, T_camera_box: SE3, lower_m: ArrayLike, upper_m: ArrayLike) -> Patch | None:
-    """Return the pixels that a box covers, given by its corners (3,) in its own frame; None: it is not seen."""
+    """Return the pixels that a box covers, given by two corners (3,) in its own frame; None if it is not seen."""
     lower, upper = np.asarray(lower_m, dtype=np.float64), np.asarray(upper_m, dtype=np.float64)
     pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)], dtype=bool)
     pixel = project(image.intrinsics, T_camera_box.apply(np.where(pick, upper, lower)))

@@ -1,4 +1,4 @@
-"""Spheres' places, remote centre, wrist's length and joints from all images together: a bundle adjustment."""
+"""A bundle adjustment: sphere positions, remote centre, wrist length and joints from all images together."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from trocar.geometry.arrays import Array
 from trocar.perception.fiducials import Fixture
 
 CENTER_SD_M = 0.06e-3
-"""SD of a centre found in an image, on each axis; what is known beforehand is weighed against it."""
+"""SD of a centre found in an image, on each axis; prior knowledge is weighed against it."""
 BASE_SD_M, WRIST_SD_M = 0.4e-3, 0.2e-3
-"""SD of the remote centre as encoders have it, on each axis (.36 mm in eight simulated sessions), and of the wrist's
+"""SD of the remote centre found from encoders, on each axis (.36 mm in eight simulated sessions), and of the wrist's
 length (assumed)."""
 FAR_SDS = 3.0
-"""A centre this many SDs off, or more, counts less (Huber): the sphere is partly hidden, or a rim was taken for it."""
+"""A centre off by more SDs than this counts less (Huber): the sphere is partly hidden, or its rim misled the fit."""
 MOST_STEPS, DONE = 20, 1e-7
 """Maximum number of Gauss-Newton steps, and the change, rad or m, at which they end."""
 
-_WRIST_LINK, _SHAFT_AXIS = 5, 3  # frames: along the x of the first lies the wrist's link, along the other's z the shaft
+_WRIST_LINK, _SHAFT_AXIS = 5, 3  # frames: the wrist's link lies along x of frame 5, the shaft along z of frame 3
 
 
 @dataclass(frozen=True, eq=False)
 class Adjusted:
-    """What fits all centres best, without any encoder."""
+    """The parameters that fit all centres best, without encoders."""
 
     arm: ArmModel  # with the wrist's length
     centers_m: Array  # (k, 3) of the spheres in the arm's frame 4 (shaft) or 6 (jaw)
@@ -35,25 +35,25 @@ class Adjusted:
 
 
 def adjust(arm: ArmModel, fixture: Fixture, p_camera_m: Array, T_camera_base: SE3, q: Array) -> Adjusted:
-    """Return spheres' places, remote centre, wrist's length and joints that fit centres best, by Gauss-Newton.
+    """Return sphere positions, remote centre, wrist length and joints that fit the centres best, by Gauss-Newton.
 
-    The base keeps its rotation: turned about the remote centre, with other yaws, pitches and rolls, the same images
-    would be seen. Of everything else, one thing only cannot be observed: a cross turned about the yaw axis looks like
-    a constant of q6. The printer's tolerance decides there.
+    The base keeps its rotation, which images cannot show: a rotation about the remote centre looks like other yaws,
+    pitches and rolls. The only other unobservable direction is a rotation of the cross about the yaw axis, which looks
+    like an offset of q6; the printer's tolerance, as a prior, decides there.
 
     Args:
         arm: a PSM.
-        fixture: as designed, with the tolerance of its spheres.
+        fixture: the spheres as designed, with their tolerance.
         p_camera_m: (n, k, 3) centres in the camera frame, NaN where a sphere was not seen; at least one of the shaft
             and three of the jaw in every row.
-        T_camera_base: a first estimate.
-        q: (n, 6) likewise.
+        T_camera_base: first estimate of the base.
+        q: (n, 6) first estimate of the joints.
     """
     printed = fixture.frame_centers_m(arm)
     seen = np.all(np.isfinite(p_camera_m), axis=-1)
     p_base = T_camera_base.inverse().apply(np.nan_to_num(p_camera_m))
     rows, count = p_camera_m.shape[:2]
-    # the unknowns that all rows share: shift of the base in its own axes (3), of each sphere (3 k), of the wrist (1)
+    # unknowns that all rows share: shifts of the base in its own axes (3) and of each sphere (3 k), wrist length (1)
     shared = np.zeros(3 * count + 4)
     known = np.concatenate([np.full(3, BASE_SD_M), np.full(3 * count, fixture.print_sd_m), [WRIST_SD_M]]) ** -2.0
     for _ in range(MOST_STEPS):
@@ -66,7 +66,7 @@ def adjust(arm: ArmModel, fixture: Fixture, p_camera_m: Array, T_camera_base: SE
         r = (weight * residual).reshape(rows, 3 * count)
         J = (weight[..., None] * of_joints).reshape(rows, 3 * count, -1)
         G = (weight[..., None] * of_shared).reshape(rows, 3 * count, -1)
-        # each row's joints are eliminated (Schur): what remains are equations of the shared unknowns alone
+        # eliminate each row's joints (Schur complement), which leaves equations of the shared unknowns alone
         Jt = np.swapaxes(J, 1, 2)
         across = Jt @ G
         solved = np.linalg.solve(Jt @ J, np.concatenate([across, Jt @ r[..., None]], axis=-1))
@@ -84,9 +84,13 @@ def adjust(arm: ArmModel, fixture: Fixture, p_camera_m: Array, T_camera_base: SE
 
 
 def turned_to_encoders(arm: ArmModel, T_camera_base: SE3, q: Array, q_cmd: Array) -> SE3:
-    """Return a base turned about its remote centre so that the shaft points where encoders (n, 6) have it, on average.
+    """Return the base, rotated about its remote centre so that on average the shaft points as the encoders say.
 
-    ``q`` (n, 6): the joints in this base.
+    Args:
+        arm: a PSM.
+        T_camera_base: the base to rotate.
+        q: (n, 6) joints in this base.
+        q_cmd: (n, 6) encoder readings.
     """
     here, there = (frames(arm, joints).matrix[:, _SHAFT_AXIS, :3, 2] for joints in (q, q_cmd))
     both = (np.concatenate([axes, -axes]) for axes in (there, here))  # symmetric about zero, so that nothing shifts
@@ -94,7 +98,7 @@ def turned_to_encoders(arm: ArmModel, T_camera_base: SE3, q: Array, q_cmd: Array
 
 
 def _model(arm: ArmModel, fixture: Fixture, centers_m: Array, q: Array) -> tuple[Array, Array, Array]:
-    """Return centres (n, k, 3) in the base, their slopes (n, k, 3, 6) along joints, and along what rows share."""
+    """Return centres (n, k, 3) in the base and their derivatives by the joints (n, k, 3, 6) and by shared unknowns."""
     poses, carriers = frames(arm, q).matrix, fixture.carriers(arm, q)
     R = carriers[..., :3, :3]
     p = (R @ centers_m[..., None])[..., 0] + carriers[..., :3, 3]

@@ -1,6 +1,6 @@
-"""From the spheres in all images of a collection to base and joints; what does not fit is flagged.
+"""Find base and joints of a PSM from the spheres in all images of a collection; flag rows that do not fit.
 
-For a PSM: first in closed form (Hwang et al. 2022, IV-A), then all images together.
+First in closed form (Hwang et al. 2022, IV-A), then by an adjustment of all images together.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from trocar.perception.fiducial_adjustment import adjust, turned_to_encoders
 from trocar.perception.fiducials import Fixture
 
 SHAFT_OFF_M = 1.0e-3
-"""A shaft centre further from where the outer joints' encoders put it is rejected; their errors are about .1 mm."""
+"""A shaft centre further than this from where the encoders put it is rejected; their errors are about .1 mm."""
 DISTANCE_OFF_M = 1.0e-3
 """Maximum difference between the measured and the printed distance of two jaw spheres; measured: .1 mm RMS."""
 ROOM_RAD, ROOM_M = 0.5, 0.05
-"""Joints may leave the arm's limits by this much: cables are off, and so is a base."""
+"""Measured joints may exceed the arm's limits by this much, because of errors of cables and base."""
 MIN_ON_JAW, MIN_ROWS = 3, 10
-"""Spheres on the jaw that its rotation needs, and rows with a sphere on the shaft that the base needs."""
+"""Least number of jaw spheres for a rotation of the jaw, and of rows with a shaft sphere for the base."""
 
 GOOD, NOTHING, NO_SHAFT, NO_JAW = "good", "no sphere", "no sphere on the shaft", "fewer than 3 spheres on the jaw"
 
@@ -53,7 +53,7 @@ class Measured:
 
 
 def require_psm(arm: ArmModel) -> None:
-    """Raise InvalidInput unless an arm's first axes are a PSM's: through the remote centre, normal to each other."""
+    """Raise InvalidInput unless an arm has a PSM's first axes, perpendicular and through the remote centre."""
     half = np.pi / 2
     if not (np.allclose(arm.twists_rad, (half, -half, half)) and np.allclose(arm.offsets[:2], (half, -half))):
         problem = f"can be found from spheres on a PSM only, not on {arm.name!r}"
@@ -67,14 +67,15 @@ def measure(
 
     Args:
         arm: a PSM.
-        fixture: that it wears.
+        fixture: the spheres that it wears.
         p_camera_m: (n, k, 3) centres in the camera frame, NaN where a sphere was not seen.
         q_cmd: (n, 6) encoder readings.
-        T_camera_base: the base as registered, which whoever uses the joints will go on using. They are those that would
-            put the tip where it was if the base were there, so whatever is wrong with it is in them.
-        rng: of the search for outliers.
+        T_camera_base: the base as registered. The joints returned put the tip where it was seen if the base is here,
+            so they make up for the registration's error.
+        rng: random numbers of the search for outliers.
 
-    Raises InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
+    Raises:
+        InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
     """
     shaft = register_base(arm, fixture, p_camera_m, q_cmd, rng)
     T_found = shaft.T_target_source
@@ -101,7 +102,7 @@ def measure(
 
 
 def joints_of_tips(arm: ArmModel, T_base_tip: SE3, near: Array) -> Array:
-    """Return the joints (n, 6) that put the tip there, those nearest to ``near`` (n, 6); NaN: it is out of reach."""
+    """Return the joints (n, 6) that put the tip there, nearest to ``near`` (n, 6); NaN if it is out of reach."""
     return ik(arm.widened(ROOM_RAD, ROOM_M), T_base_tip, reference=near, unreachable="nan")
 
 
@@ -110,7 +111,7 @@ def register_base(
 ) -> RigidFit:
     """Return the rigid fit of the shaft's spheres, placed by the encoders, to those in the camera, without outliers.
 
-    The outer joints' encoders are exact to .3 mrad and .1 mm, so many positions of the shaft give the base.
+    The outer joints' encoders are exact to .3 mrad and .1 mm, so many positions of the shaft determine the base.
 
     Raises InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.
     """
@@ -135,7 +136,7 @@ def distance_errors_m(fixture: Fixture, p_m: Array) -> Array:
 
 
 def without_wrong_distances(fixture: Fixture, p_m: Array) -> Array:
-    """Return centres (n, k, 3) with NaN for jaw spheres at wrong distances from most other jaw spheres."""
+    """Return centres (n, k, 3) with NaN for jaw spheres at wrong distances from others, the worst first."""
     p_m = p_m.copy()
     jaw = np.flatnonzero(~fixture.on_shaft)
     printed = np.linalg.norm(fixture.centers_m[jaw, None] - fixture.centers_m[None, jaw], axis=-1)
@@ -152,8 +153,8 @@ def without_wrong_distances(fixture: Fixture, p_m: Array) -> Array:
 def joints_from_spheres(arm: ArmModel, fixture: Fixture, p_base_m: Array, q_cmd: Array) -> Array:
     """Return the joints (n, 6) of a PSM whose spheres have these centres (n, k, 3) in its base.
 
-    NaN where a sphere was not seen; joints that cannot be determined are NaN. The commands (n, 6) only tell in which
-    turn the roll is.
+    Centres of spheres that were not seen are NaN, and so are joints that cannot be determined. The commands (n, 6) only
+    decide between rolls that differ by full turns.
 
     Raises InvalidInput: the arm is no PSM.
     """
@@ -169,8 +170,8 @@ def joints_from_spheres(arm: ArmModel, fixture: Fixture, p_base_m: Array, q_cmd:
 def _outer_joints(arm: ArmModel, fixture: Fixture, p_base_m: Array) -> Array:
     """Return q1 q2 q3 (n, 3); NaN if no shaft sphere was seen.
 
-    The shaft runs through the remote centre, the base's origin, and its spheres sit on its axis: their direction gives
-    yaw and pitch (farther spheres weigh more), their distance the insertion.
+    The shaft runs through the remote centre, the base's origin, and its spheres sit on its axis. So their direction
+    gives yaw and pitch (farther spheres weigh more), and their distance the insertion.
     """
     p = p_base_m[:, fixture.on_shaft]
     seen = np.all(np.isfinite(p), axis=-1)
@@ -197,7 +198,7 @@ def _jaw_rotations(arm: ArmModel, fixture: Fixture, p_base_m: Array) -> Array:
 
 
 def _wrist_joints(arm: ArmModel, R_base_jaw: Array, q_outer: Array, roll_near: Array) -> Array:
-    """Return q4 q5 q6 (n, 3) with |q5| < 90 deg; of its turns, the roll is the one nearest to ``roll_near`` (n,)."""
+    """Return q4 q5 q6 (n, 3) with |q5| < 90 deg and the roll within half a turn of ``roll_near`` (n,)."""
     R_base_insertion = frames(arm, np.column_stack([q_outer, np.zeros_like(q_outer)])).matrix[:, 3, :3, :3]
     R = np.swapaxes(R_base_insertion, -1, -2) @ R_base_jaw
     jaw, axis = R[:, :, 1], -R[:, :, 2]  # the direction of the jaws, and the axis about which they turn

@@ -1,4 +1,4 @@
-"""The spheres that an instrument wears while it is calibrated: their places, sizes and colours."""
+"""The spheres that an instrument wears while it is calibrated: their positions, sizes and colours."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COLORS = {
     "blue": (0.06, 0.16, 0.75),
     "yellow": (0.80, 0.65, 0.05),
 }
-"""Colours of the paint: share of red, green and blue that it reflects (assumed)."""
+"""Colours of the paint: shares of red, green and blue that it reflects (assumed)."""
 
 _PITCH_FRAME, _YAW_FRAME = 4, 6
 """Indices in ``trocar.arms.frames`` of the frames that carry shaft and jaw; the origin of frame 4 is on the pitch

@@ -53,7 +53,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False)
 class RgbdImage:
-    """A colour and a depth image with common pixels; its arrays have to match its camera."""
+    """A colour and a depth image with common pixels; the arrays must have the size of the camera's image."""
 
     color: NDArray[np.uint8]  # (height, width, 3) uint8, RGB
     depth_m: NDArray[np.float32]  # (height, width) float32 along the optical axis; NaN where the sensor has no value
@@ -78,7 +78,7 @@ class StereoRig:
 
 @dataclass(frozen=True, eq=False)
 class StereoImage:
-    """Two colour images of one moment; they have to match their cameras."""
+    """Two colour images of one moment; they must have the sizes of their cameras' images."""
 
     left: NDArray[np.uint8]  # (height, width, 3) uint8, RGB
     right: NDArray[np.uint8]  # likewise
@@ -126,7 +126,7 @@ Image = RgbdImage | StereoImage
 
 
 def read_out(model: CameraModel, window: Window | StereoWindow | None) -> CameraModel:
-    """Return the camera that reads out only a window; None: all of it.
+    """Return the camera that reads out only a window, or all pixels if ``window`` is None.
 
     Raises:
         InvalidInput: the window leaves the image, or is for another kind of camera.
@@ -148,7 +148,7 @@ def _require_colors(item: str, color: NDArray[np.uint8], lens: Intrinsics) -> No
 
 
 def whole_window(model: CameraModel) -> Window | StereoWindow:
-    """Return the window of all pixels; a camera keeps only images that were taken without a window."""
+    """Return the window of all pixels; cameras keep images that were taken without a window, but not this one."""
     if isinstance(model, Intrinsics):
         return Window((0, 0), (model.width, model.height))
     left, right = (Window((0, 0), (eye.width, eye.height)) for eye in (model.left, model.right))

@@ -1,8 +1,8 @@
-"""What one depth image shows of the wrist of an instrument.
+"""Fit the wrist joints of an instrument to one depth image.
 
-Points on the instrument have to lie on its solids, and rays that end far behind it must not have passed through them;
+Points on the instrument must lie on its solids, and rays that end far behind it must not have passed through them;
 without these rays, a finger could turn into the empty space beside it. The wrist joints are fitted together with a
-shift of the whole instrument, due to errors of its base and its outer joints; one image shows little of that shift,
+shift of the whole instrument, due to errors of its base and its outer joints. One image shows little of that shift;
 many show a lot.
 """
 
@@ -20,23 +20,23 @@ from trocar.perception.image import RgbdImage
 from trocar.perception.instrument_solids import InstrumentSolids
 
 WINDOW_M = 0.030  # half the edge of the cube about the tip in which the instrument is searched for
-NEAR_M = 4e-3  # points this close to the expected instrument are taken for points on it
+NEAR_M = 4e-3  # points this close to the expected instrument count as points on it
 BEHIND_M = 0.015  # points this far behind the tip are background
-BESIDE_M = 1.6e-3  # rays that pass this close to the expected instrument show where it is not
+BESIDE_M = 1.6e-3  # background rays that pass this close to the expected instrument show where it is not
 COARSE_M, FINE_M = 4e-3, 0.7e-3
-"""Spacing in depth at which all rays are sampled, and a finer one where they pass the instrument."""
+"""Spacing in depth at which all background rays are sampled, and where they pass the instrument."""
 FINE_STEPS = 6  # number of fine steps on either side of the point where a ray is nearest
 INTO_M = 0.1e-3  # rays may pass through an edge this deep, because a pixel averages over its area
 POINT_SD_M = 0.3e-3
 ROBUST = 1.5  # a residual of more SDs than this counts less (Cauchy)
 TOGETHER = 25.0
-"""This many neighbouring points share their error and count as one (checked: `benchmarks/bench_sighting.py`)."""
+"""Errors of neighbouring points are correlated: this many points count as one (`benchmarks/bench_sighting.py`)."""
 STEPS = 8
-MOST_TURN_RAD, MOST_SHIFT_M = 0.1, 0.5e-3  # greatest step of the search
+MOST_TURN_RAD, MOST_SHIFT_M = 0.1, 0.5e-3  # largest step of the search
 START_SD = np.array([0.3, 0.3, 0.3, 1e-3, 1e-3, 1e-3])
 """SDs of wrist (rad) and shift (m) about their expected values; they constrain the search where an image shows
 nothing."""
-FEWEST = 60  # with fewer points than this on it, the instrument was not seen
+FEWEST = 60  # an instrument with fewer points than this on it was not seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +55,12 @@ class Sighting:
 def sight(
     image: RgbdImage, T_base_camera: SE3, arm: ArmModel, q: Array, jaw_rad: float, T_base_floor: SE3 | None = None
 ) -> Sighting | None:
-    """Return what a depth image shows of an instrument's wrist; None if it is not seen.
+    """Return the likelihood of the wrist joints given a depth image; None if the instrument is not seen.
 
     Args:
-        image: with depth.
-        T_base_camera: the camera as registered in the arm's base.
-        arm: whose instrument.
+        image: the depth image.
+        T_base_camera: pose of the camera in the arm's base, as registered.
+        arm: the arm that carries the instrument.
         q: (6,) expected joints, rad and m.
         jaw_rad: opening between the fingers.
         T_base_floor: a plane, z up; nothing below it is part of the instrument. None: nothing else is near.
@@ -87,7 +87,7 @@ def sight(
 def _gather(
     image: RgbdImage, T_base_camera: SE3, arm: ArmModel, q: Array, jaw_rad: float, T_base_floor: SE3 | None
 ) -> tuple[Array, Array] | None:
-    """Return points (n, 3) on the instrument, and points (m, k, 3) along rays that pass it; in the arm's base."""
+    """Return points (n, 3) on the instrument and points (m, k, 3) along rays that pass it, in the arm's base."""
     p_tip = fk(arm, q).translation_m
     T_camera_tip = T_base_camera.inverse() @ SE3.from_parts(translation_m=p_tip)
     patch = patch_around(image, T_camera_tip, np.full(3, -WINDOW_M), np.full(3, WINDOW_M))
@@ -121,7 +121,7 @@ def _gather(
 def _normal_equations(
     arm: ArmModel, q: Array, x: Array, jaw_rad: float, points: Array, rays: Array
 ) -> tuple[Array, Array, float]:
-    """Return information (6, 6) and gradient (6,) of the fit's cost at a rotation and shift (6,), and the residuals."""
+    """Return the cost's information (6, 6) and gradient (6,) at a change of wrist and shift (6,), and the robust SD."""
     turned = q.copy()
     turned[3:] += x[:3]
     solids = InstrumentSolids.of(arm, turned, jaw_rad)

@@ -1,4 +1,4 @@
-"""Signed distances to an instrument as a camera sees it: shaft, clevis, knuckle and both fingers."""
+"""Signed distances to the solids of an instrument that a camera sees: shaft, clevis, knuckle and both fingers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trocar.arms.instrument import CLEVIS_SHARE, KNUCKLE_SHARE, SLEEVE_M, SLEEVE
 from trocar.geometry.arrays import Array
 
 CARRIED = np.array([[0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 1, 1], [1, 1, 1], [1, 1, 1]], dtype=np.float64)
-"""(6, 3) 1 where q4 q5 q6 move a solid: shaft and its sleeve (which are round), clevis, knuckle, fingers."""
+"""(6, 3): 1 where q4 q5 q6 visibly move a solid. Rows: shaft, sleeve (both round), clevis, knuckle, two fingers."""
 FRAMES = np.array([0, 0, 1, 2, 2, 2])  # index of the frame (4, 5 or 6) in which each solid is fixed
 
 
@@ -72,7 +72,7 @@ class Capsule:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """A convex solid, outward normals (k, 3) and offsets (k,); near its edges the distance is slightly too small."""
+    """A convex solid given by outward normals (k, 3) and offsets (k,); distances near its edges are slightly small."""
 
     normals: Array
     offsets: Array

@@ -1,4 +1,4 @@
-"""From a colour and depth image to the centres of painted spheres (Hwang et al. 2022, IV-A)."""
+"""Find the centres of painted spheres in a colour and depth image (Hwang et al. 2022, IV-A)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from trocar.perception.fiducials import COLORS, Fixture
 from trocar.perception.image import RgbdImage
 
 HUE_DEG = 20.0
-"""A pixel shows a paint if its hue is this close; the paints are at least 48 deg apart, and noise shifts a hue by some
+"""A pixel shows a paint if its hue is this close. The paints are at least 48 deg apart, and noise shifts a hue by a few
 deg."""
 MIN_SATURATION, MIN_VALUE = 0.45, 0.14  # pixels below these are metal, carbon or dark, where hue means nothing
 MIN_PIXELS, MIN_SHARE = 20, 0.15  # number of pixels, and share of a sphere's disc, that must be seen
-MIN_GOOD = 0.7  # share of a blob's points that must lie on one sphere; with less, it is two spheres behind each other
+MIN_GOOD = 0.7  # share of a blob's points that must lie on one sphere; a blob with less shows overlapping spheres
 MAX_RMS_M = 0.5e-3  # maximum RMS distance of these points from the sphere; the sensor's noise is .2 mm
 RADIUS_OFF_M = 0.6e-3  # maximum difference between a fitted radius and that of the assigned sphere
 MAX_POINTS = 300  # number of a blob's points that are fitted; more would not improve the centre
@@ -53,8 +53,8 @@ _Blob = tuple[Array, SphereFit]
 def find_spheres(image: RgbdImage, fixture: Fixture) -> Array:
     """Return the centres (n, 3) of a fixture's spheres in the camera frame; NaN for those not seen well.
 
-    Pixels are grouped by colour; blobs of the same colour are distinguished by the radius of the sphere through them;
-    the centre is then fitted with the known radius.
+    Pixels are grouped by colour. Blobs of the same colour are told apart by the radius of a sphere fitted to them;
+    their centres come from a second fit with the known radius.
     """
     hsv = cv2.cvtColor(image.color, cv2.COLOR_RGB2HSV_FULL)
     clear = (hsv[..., 1] >= 255 * MIN_SATURATION) & (hsv[..., 2] >= 255 * MIN_VALUE) & np.isfinite(image.depth_m)
@@ -72,10 +72,10 @@ def find_spheres(image: RgbdImage, fixture: Fixture) -> Array:
 
 
 def fit_sphere(points_m: Array, radius_m: float | None = None, near_m: Array | None = None) -> SphereFit | None:
-    """Return the sphere nearest to points (n, 3) that are seen from the origin; None if it cannot be found.
+    """Return the sphere that fits points (n, 3) seen from the origin; None if none is found.
 
-    Gauss-Newton on the distances from the surface; outliers are left out step by step. Without a radius, it is fitted
-    too; without a guess ``near_m`` (3,) of the centre, it is sought behind the points.
+    Gauss-Newton on the distances from the surface, with outliers rejected at each step. Without ``radius_m``, the
+    radius is fitted too; without a guess ``near_m`` (3,), the search for the centre starts behind the points.
     """
     if len(points_m) < 4:
         return None
@@ -141,7 +141,7 @@ def _blobs(image: RgbdImage, mask: NDArray[np.uint8], radius_m: float) -> list[_
 
 
 def _assigned(blobs: Sequence[_Blob], radii_m: Array) -> dict[int, _Blob]:
-    """Assign blobs of a colour to spheres by size, the best pairs first; each is used once."""
+    """Return a blob for each sphere (radii of one colour), assigned by size, the best pairs first."""
     off = np.array([[abs(rough.radius_m - radius) for _, rough in blobs] for radius in radii_m])
     chosen: dict[int, _Blob] = {}
     used: set[int] = set()

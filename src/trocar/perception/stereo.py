@@ -1,4 +1,4 @@
-"""Two eyes: points from pixels that both eyes see, rectified pairs, and disparities of textured surfaces."""
+"""Stereo vision: triangulation, rectification, and disparities of textured surfaces."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from trocar.perception.image import Intrinsics, StereoImage, StereoRig
 SAME_ROW = 1e-9  # relative difference of focal lengths, rotations and rows below which a pair counts as rectified
 LEAST_CORRELATION = 0.6  # a window with less correlation counts as not found
 AGREE_PX = 1.0  # maximum difference between the disparities found from the right and from the left picture
-FLAT = 1.0  # variance of noise alone, in squared grey levels; windows with no more than that match anything
+FLAT = 1.0  # least variance of a window, in squared grey levels: windows of noise alone would match anything
 
 
 def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tuple[Array, NDArray]:
-    """Return points (..., 3) in the left camera's frame, and by how much the two rays miss each other (...,) in m.
+    """Return points (..., 3) in the left camera's frame, and the distances (...,) in m between the rays.
 
-    A point is the middle of the shortest line between the rays through its pixels (..., 2) u, v in both images. Works
-    for every pair of lenses; if the rays are parallel or meet behind an eye, point and miss are NaN.
+    A point is the middle of the shortest line between the rays through its pixels (..., 2) u, v in both images. The
+    pair need not be rectified. If the rays are parallel or meet behind an eye, point and distance are NaN.
     """
     one = rays_through(rig.left, left_px)
     other = rig.T_left_right.rotation.apply(rays_through(rig.right, right_px))
@@ -42,7 +42,7 @@ def triangulate(rig: StereoRig, left_px: ArrayLike, right_px: ArrayLike) -> tupl
 
 
 def is_rectified(rig: StereoRig) -> bool:
-    """Return whether a point lies in the same row of both images, further left in the right one."""
+    """Return whether every point lies in the same row of both images, and further left in the right one."""
     left, right, shift = rig.left, rig.right, rig.T_left_right.translation_m
     return (
         not any(left.distortion)
@@ -55,10 +55,10 @@ def is_rectified(rig: StereoRig) -> bool:
 
 
 def rectify(image: StereoImage) -> tuple[StereoImage, SO3]:
-    """Return the pair as cameras without distortion, side by side, would have seen it; and ``R_left_rectified``.
+    """Return the rectified pair, without distortion, and ``R_left_rectified``.
 
-    A pair that is rectified already is returned as it is. The new left camera stands where the old one does; a point p
-    in its frame is ``R_left_rectified`` p in the old one's.
+    A pair that is already rectified is returned as it is. The new left camera stands where the old one does; a point p
+    in its frame is ``R_left_rectified @ p`` in the old frame.
 
     Raises InvalidInput: the eyes stand on the same spot or behind each other.
     """
@@ -88,7 +88,7 @@ def rectify(image: StereoImage) -> tuple[StereoImage, SO3]:
 
 
 def _new_lens(lens: Intrinsics, R_lens_new: SO3, focal: float) -> Intrinsics:
-    """Return a lens without distortion whose picture has the same centre."""
+    """Return a lens without distortion, rotated, whose picture has the old picture's centre in its middle."""
     middle = rays_through(lens, [(lens.width - 1) / 2, (lens.height - 1) / 2]) @ R_lens_new.matrix
     cx = (lens.width - 1) / 2 - focal * middle[0] / middle[2]
     cy = (lens.height - 1) / 2 - focal * middle[1] / middle[2]
@@ -110,22 +110,22 @@ def disparity_map(
     disparity_px: tuple[float, float],
     window_px: int = 9,
 ) -> Array:
-    """Return the disparity (h, w) of the left pixels in a box, NaN where it is not clear.
+    """Return the disparity (h, w) of the left pixels in a box, NaN where it is ambiguous.
 
     Each pixel's window is correlated with windows in the same row of the right picture (zero mean, unit variance, so
-    that the eyes' gains do not matter); a parabola through the best three places gives the fraction. A match must be
-    mutual: matching from the right picture must give the same place.
+    that the eyes' gains do not matter). A parabola through the best correlation and its neighbours gives the fraction
+    of a pixel. A match must be mutual: matching from the right picture must give the same place.
 
     Args:
-        left: (h, w) one channel of the left picture.
-        right: of the right one.
-        box_px: (u, v, width, height) in the left picture.
-        disparity_px: (least, most) that are tried.
+        left: (rows, columns) one channel of the left picture.
+        right: the same channel of the right picture.
+        box_px: (u, v, w, h) of the box in the left picture.
+        disparity_px: least and greatest disparity to try.
         window_px: width of the windows; odd.
     """
     u, v, wide, high = box_px
     least, most = int(np.floor(disparity_px[0])), int(np.ceil(disparity_px[1]))
-    if most - least < 2:  # the best of them would have no neighbours
+    if most - least < 2:  # no disparity would have neighbours on both sides
         return np.full((high, wide), np.nan)
     pad = window_px // 2 + 1
     one = _cut(left, u - pad, v - pad, wide + 2 * pad, high + 2 * pad)
@@ -135,7 +135,7 @@ def disparity_map(
     scores = np.empty((most - least + 1, high, wide), dtype=np.float32)
     inside = np.s_[pad : pad + high, pad : pad + wide]
     for k in range(most - least + 1):
-        start = most - least - k  # of the columns that match the left ones at disparity ``least + k``
+        start = most - least - k  # first column of the right cut-out at disparity ``least + k``
         shifted = np.s_[:, start : start + one.shape[1]]
         both = cv2.blur(one * other[shifted], (window_px, window_px)) - mean_one * mean_other[shifted]
         scores[k] = (both / np.sqrt(var_one * var_other[shifted]))[inside]
@@ -143,7 +143,7 @@ def disparity_map(
     top = np.take_along_axis(scores, best[None], 0)[0]
     inner = np.clip(best, 1, len(scores) - 2)
     before, here, after = (np.take_along_axis(scores, inner[None] + step, 0)[0] for step in (-1, 0, 1))
-    curve = before - 2 * here + after  # negative where the best is in the middle
+    curve = before - 2 * here + after  # negative at a maximum
     part = 0.5 * (before - after) / np.minimum(curve, -1e-6)
     mutual = np.abs(best - _from_right(scores, best)) <= AGREE_PX
     good = (top >= LEAST_CORRELATION) & (best == inner) & mutual

@@ -17,13 +17,13 @@ from trocar.perception.depth import project
 from trocar.perception.image import Intrinsics, StereoRig
 
 DARKEST, BRIGHTEST = 1.0, 99.0
-"""Percentiles of the image that become black and white before corners are searched for, so exposure does not matter."""
+"""Percentiles that become black and white before the search for corners, so that exposure does not matter."""
 REFINE_BLUR_PX, REFINE_SHARE, REFINE_PX = 1.0, 0.4, 1.5
-"""Each corner is moved to where nearby gradients intersect: SD of a blur, half the window as a share of the distance
-between corners, and the greatest shift allowed. OpenCV's search alone shifts whole boards by some .05 px."""
+"""Refinement of corners by OpenCV's ``cornerSubPix``: SD of a blur before it, half its window as a share of the
+distance between corners, and the greatest shift allowed. Without it, whole boards are off by some .05 px."""
 REFINED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
 MIN_CONTRAST = 3.0
-"""Least difference in grey levels between white and black squares as exposed; with less, it is not a board."""
+"""Least difference in grey levels between the white and the black squares of a board."""
 
 CALIBRATED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-9)
 LENS = cv2.CALIB_FIX_K3  # k1 k2 p1 p2 are free; k3 of a 6 mm lens cannot be observed over so small a workspace
@@ -48,7 +48,7 @@ class BoardPose:
 
 
 def find_corners(board: Checkerboard, image: NDArray[np.uint8]) -> Array | None:
-    """Return the inner corners (n, 2) u, v of a whole board in an RGB image, in its order; None: not seen."""
+    """Return the inner corners (n, 2) u, v of a whole board in an RGB image, in the board's order; None if not seen."""
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
     low, high = np.percentile(gray, (DARKEST, BRIGHTEST))
     stretched = np.clip((gray - low) * (255.0 / max(high - low, 1.0)), 0, 255).astype(np.uint8)
@@ -65,7 +65,7 @@ def calibrate_stereo(
 ) -> StereoCalibration:
     """Return the pair that projects the board's corners nearest to where both eyes see them, over all views.
 
-    The corners (n, k, 2) of both eyes are in the board's order, and of the same moments; ``size_px`` is width, height.
+    The corners (n, k, 2) of both eyes are in the board's order, and of the same views; ``size_px`` is width, height.
 
     Raises InvalidInput: there are too few views.
     """
@@ -125,7 +125,7 @@ def board_pose(board: Checkerboard, rig: StereoRig, left_px: Array, right_px: Ar
 
 
 def _refined(grid: Array, picture: NDArray[np.uint8]) -> Array:
-    """Return corners (rows, columns, 2) at the saddles of brightness; one that would move far stays where it is."""
+    """Return corners (rows, columns, 2) refined to saddle points of brightness, except those that would move far."""
     apart = min(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1))
     half = max(2, int(REFINE_SHARE * apart))
     smooth = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), REFINE_BLUR_PX)
@@ -137,7 +137,7 @@ def _refined(grid: Array, picture: NDArray[np.uint8]) -> Array:
 
 
 def _in_order(board: Checkerboard, grid: Array, gray: NDArray[np.uint8]) -> Array | None:
-    """Return corners (rows, columns, 2), in whichever order they were found, as (n, 2) in the board's."""
+    """Return corners (rows, columns, 2) as (n, 2) in the board's order; None if the squares have no contrast."""
     (ax, ay), (bx, by) = (grid[:, -1] - grid[:, 0]).mean(0), (grid[-1] - grid[0]).mean(0)
     if ax * by - ay * bx < 0:  # seen in a mirror: columns run the other way
         grid = grid[:, ::-1]
