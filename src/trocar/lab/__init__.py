@@ -1,4 +1,4 @@
-"""Laboratories: what stands where, and the sessions drawn from them."""
+"""Laboratories: stations, which describe what stands where, and the sessions drawn from them."""
 
 from trocar.lab.check import check_station, require_reach
 from trocar.lab.station import CheckerboardRegistration, Registration, SensorFlaws, Station, StationArm, StationCamera

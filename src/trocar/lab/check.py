@@ -1,4 +1,4 @@
-"""Checks a station for consistency. Each problem found is a sentence."""
+"""Check a station for consistency; each problem is returned as a sentence."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.lab.station import Registration, Station, StationArm
 from trocar.perception.image import Intrinsics, StereoRig
 
 ABOVE_FIXTURE_M = 0.01
-"""An arm has to reach the point this high above a fixture to work there."""
+"""An arm must reach the point this high above a fixture to work there."""
 REGISTERED_SHARE = 0.25
 """Share of the box of registration points that a well-placed arm reaches; built-in stations have three quarters or
 more."""
@@ -34,9 +34,8 @@ ALL_WAYS = tuple(face @ SO3.axis("z", angle) for face in _FACES for angle in _QU
 def check_station(station: Station) -> list[str]:
     """Return the problems of a station; empty if there are none.
 
-    It checks whether every arm can rest where it should, inside its workspace and apart from the others,
-    whether arms reach the points of their registration and what is fixed on the table, and whether every camera looks
-    at what is fixed on the table, or at the arms' workspaces.
+    Every arm must be able to park, inside its workspace and apart from the others; the arms must reach the points of
+    their registration and the fixtures; each camera must see a fixture or, without fixtures, an arm's workspace.
     """
     resting, found = _resting(station)
     for name, arm in station.arms.items():
@@ -53,14 +52,14 @@ def check_station(station: Station) -> list[str]:
 
 
 def require_reach(station: Station) -> None:
-    """Raise InvalidInput if an arm cannot rest, or work is out of reach: no session can be drawn there."""
+    """Raise InvalidInput if an arm cannot park, or work is out of reach, so that no session can be drawn."""
     wrong = [*_resting(station)[1], *_out_of_reach(station)]
     if wrong:
         raise InvalidInput(f"station {station.name!r}:", wrong[0], "`trocar station check` lists all problems")
 
 
 def _resting(station: Station) -> tuple[dict[str, Array], list[str]]:
-    """Return where each arm rests, and a sentence for each arm that cannot."""
+    """Return the joints (6,) in which each arm rests, and a sentence for each arm that cannot."""
     resting: dict[str, Array] = {}
     found: list[str] = []
     for name, arm in station.arms.items():
@@ -159,12 +158,12 @@ def _mm(point_m: Array) -> str:
 
 
 def reaches(arm: StationArm, p_world_m: Array, turns: Sequence[SO3] = STRAIGHT) -> NDArray[np.bool_]:
-    """Return which points of the world the tip of an arm reaches, (n,).
+    """Return which points (n,) the tip of an arm reaches.
 
     Args:
         arm: the arm and its base.
-        p_world_m: (n, 3) points.
-        turns: rotations of the tip against the base; one that can be reached is enough.
+        p_world_m: (n, 3) points in the world.
+        turns: rotations of the tip in the base; reaching the point with one of them is enough.
     """
     p_base = arm.T_world_base.inverse().apply(p_world_m)
     found = [ik(arm.model, SE3.from_parts(turn, p_base), unreachable="nan") for turn in turns]

@@ -1,4 +1,4 @@
-"""How hard a laboratory is: the sizes of the differences between it and what is known about it."""
+"""How hard a laboratory is: the sizes of its flaws, the differences between it and what is known about it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DEFAULT = RECORDED
 HARSHER = 2.0
 """Factor on the recorded sizes in a harsh laboratory."""
 MOST_SCALE = 100.0
-"""Maximum factor on a flaw's recorded size; larger errors are no longer those of a laboratory."""
+"""Maximum factor on a flaw's recorded size; no laboratory has larger errors."""
 UNITS = {
     "m": ("m", 1.0),
     "mm": ("m", 1e-3),
@@ -40,13 +40,13 @@ class Flaw:
     Its size is the root mean square of its values or, for a flaw without a unit, a multiple of the recorded one.
 
     Attributes:
-        name: in ``FLAWS``, and as ``--flaw`` takes it.
-        about: what it is.
+        name: name in ``FLAWS`` and for ``--flaw``.
+        about: description.
         unit: 'm', 'rad', or '' if its values have several units, or none.
-        recorded: its values as recordings show them.
-        mild: its values in the cell that is easier than that.
-        source: where the values come from.
-        tasks: names of the tasks that feel it; empty: whoever works at a station with the parts that have it.
+        recorded: values as recordings show them.
+        mild: values in a mild laboratory.
+        source: source of the values.
+        tasks: names of the tasks that it affects; empty: every task at a station with the parts that have it.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Flaw:
         return self.size(np.array(self.recorded))
 
     def size(self, values: Array) -> float:
-        """Return the size of such values."""
+        """Return the size of values of this flaw."""
         size = float(np.sqrt(np.mean(np.square(values))))
         return size if self.unit else size / float(np.sqrt(np.mean(np.square(self.recorded))))
 
@@ -83,10 +83,10 @@ class Flaw:
         return f"{factor * size:.3g} {unit or 'x'}"
 
     def parse(self, text: str) -> float:
-        """Return a size that a user gives as ``1.0mm``, ``3deg`` or ``2x``.
+        """Return the size that a user wrote as ``1.0mm``, ``3deg`` or ``2x``, in m, rad or without a unit.
 
         Raises:
-            InvalidInput: it is no size, negative, or larger than a laboratory's.
+            InvalidInput: it is not a size, is negative, or exceeds ``MOST_SCALE`` times the recorded one.
         """
         example = f"as in '{self.name}={({'m': '1.0mm', 'rad': '2deg', '': '2x'})[self.unit]}'"
         item = f"flaw '{self.name}={text}'"
@@ -218,9 +218,9 @@ class Difficulty:
     """The sizes of all flaws.
 
     Attributes:
-        level: of the flaws that are not named separately.
-        named: flaws that were given their own size, as requested.
-        sizes: of these, by name.
+        level: level of the flaws that have no size of their own.
+        named: flaws with a size of their own, as the user wrote them.
+        sizes: sizes of these, by name.
     """
 
     level: str
@@ -229,7 +229,7 @@ class Difficulty:
 
     @staticmethod
     def of(level: str, named: Iterable[str] = ()) -> Difficulty:
-        """Return a level of difficulty, with other sizes for some flaws.
+        """Return a level of difficulty, with sizes of their own for some flaws.
 
         Args:
             level: 'mild', 'recorded' or 'harsh'.

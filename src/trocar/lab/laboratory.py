@@ -1,4 +1,4 @@
-"""A cell to work in, made from a station: simulated, or on hardware with the same scripts."""
+"""Make a cell from a station: simulated, or on hardware with the same scripts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Laboratory(Protocol):
         ...
 
     def run(self, script: Callable[[Cell], Awaitable[Any]], budget_s: float) -> bool:
-        """Run a script to its end; return whether it ended within its budget. Afterwards every arm is at rest."""
+        """Run a script; return whether it ended within its budget. Afterwards every arm is at rest."""
         ...
 
 
@@ -51,7 +51,7 @@ def build_cell(station: Station | str, backend: str = "sim", seed: int = 0) -> L
     Args:
         station: a station, its name, or the path of its TOML file.
         backend: name in ``BACKENDS``.
-        seed: of everything random.
+        seed: seed of everything random.
 
     Raises:
         InvalidInput: station or backend are unknown, or the seed is negative.

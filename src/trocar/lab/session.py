@@ -18,11 +18,11 @@ from trocar.lab.station import CheckerboardRegistration, Registration, Station, 
 from trocar.lab.transmission import JawCable, Transmission
 
 WHITE_SHARE = 0.15
-"""Share of a registration point's noise that is independent; errors of the outer joints cause the rest, so that
+"""Share of a registration point's noise that is independent. Errors of the outer joints cause the rest, so that
 neighbouring points have similar errors, as in the recorded sets (``benchmarks/bench_cell.py``)."""
 
 MIN_POINTS = 4
-"""Minimum number of registration points that a station file has to request, and an arm has to reach."""
+"""Minimum number of registration points that a station file must request, and that an arm must reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +31,14 @@ class Session:
 
     Attributes:
         station: the laboratory.
-        models: the arms as they truly are; the lengths of their wrists differ slightly from the model's.
-        transmissions: this session's, by arm.
+        models: the true arms, whose wrist lengths differ slightly from the nominal model's.
+        transmissions: transmissions of this session, by arm.
         jaws: cables of the jaws, by arm.
-        T_world_base: true bases.
-        T_world_base_registered: as registration found them.
+        T_world_base: true poses of the bases.
+        T_world_base_registered: poses of the bases that registration found.
         T_world_camera: true poses of the cameras.
-        T_world_camera_registered: as registration found them; the first is exact if it is the world's reference.
+        T_world_camera_registered: poses of the cameras that registration found; the first is exact if it is the world's
+            reference.
     """
 
     station: Station
@@ -50,7 +51,7 @@ class Session:
     T_world_camera_registered: Mapping[str, SE3]
 
     def remounted(self, rng: np.random.Generator) -> Session:
-        """Return the same cell after its instruments were remounted, with new transmissions."""
+        """Return the session after its instruments were remounted: with new transmissions, jaw cables and wrists."""
         transmissions = _transmissions(self.station, rng)
         return replace(
             self, models=_models(self.station, rng), transmissions=transmissions, jaws=_jaws(self.station, rng)
@@ -58,7 +59,7 @@ class Session:
 
 
 def draw_session(station: Station, rng: np.random.Generator) -> Session:
-    """Return a session in this laboratory, at the difficulty of the station."""
+    """Return a session drawn at this station, at the station's difficulty."""
     station = _with_its_sensors(station)
     transmissions = _transmissions(station, rng)
     bases = {name: arm.T_world_base for name, arm in station.arms.items()}
@@ -116,17 +117,17 @@ def _with_its_sensors(station: Station) -> Station:
 def points_of_registration(
     arm: StationArm, transmission: Transmission, how: Registration, difficulty: Difficulty, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return points (n, 3) in the base according to the arm's encoders, and as they are seen.
+    """Return registration points (n, 3) in the base according to the encoders, and in the world as they are seen.
 
     Errors of the outer joints shift the points, neighbouring ones similarly. The wrist's cables play no role, since
     only the shaft is observed.
 
     Args:
-        arm: that is registered.
-        transmission: as it is in this session.
+        arm: the arm to register.
+        transmission: its transmission in this session.
         how: where the points lie, and how well they are seen.
-        difficulty: of the session.
-        rng: of the points.
+        difficulty: difficulty of the session.
+        rng: random numbers of the points.
     """
     p_world = rng.uniform(*how.volume_m, (how.points, 3))
     p_base = arm.T_world_base.inverse().apply(p_world)
@@ -150,7 +151,7 @@ def points_of_registration(
 
 
 def _tour(points: Array) -> list[int]:
-    """Return the indices of points (n, 3), each followed by the nearest remaining one, as anyone would visit them."""
+    """Return the indices of points (n, 3) in the order of a visit: after each, the nearest remaining one."""
     order, been = [0], np.zeros(len(points))
     for _ in points[1:]:
         been[order[-1]] = np.inf
@@ -166,10 +167,10 @@ def _register(
     difficulty: Difficulty,
     rng: np.random.Generator,
 ) -> SE3:
-    """Return the base as a rigid fit finds it, including how it was moved since.
+    """Return the base as a rigid fit finds it, shifted by the flaw ``registration``.
 
     Raises:
-        InvalidInput: the arm hardly reaches any of the points.
+        InvalidInput: the arm reaches fewer than ``MIN_POINTS`` of the points.
     """
     p_base, seen = points_of_registration(arm, transmission, how, difficulty, rng)
     if len(p_base) < MIN_POINTS:
@@ -198,7 +199,7 @@ def _seen_from_the_first(
 def _by_checkerboard(
     bases: Mapping[str, SE3], cameras: Mapping[str, SE3], how: CheckerboardRegistration, rng: np.random.Generator
 ) -> tuple[dict[str, SE3], dict[str, SE3]]:
-    """Return bases and cameras as found from boards on the bases' brackets; the first base is the world's reference."""
+    """Return bases and cameras as found from boards on brackets; the first base is the world's reference."""
     sd = np.repeat([how.sd_m, how.sd_rad], 3)
     off = {}
     for name in bases:

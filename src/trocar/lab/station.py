@@ -1,4 +1,4 @@
-"""One laboratory as data: its arms, cameras, what is fixed on the table, and how well all of it is registered."""
+"""One laboratory as data: its arms, its cameras, what is fixed on the table, and how all of it is registered."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.image import CameraModel, Intrinsics, StereoRig
 
 ABOVE_SAFE_DEPTH_M = 1e-3
-"""In an arm that is parked in the middle of its ranges, the wrist is this much deeper than the safe depth."""
+"""The wrist of an arm that parks in the middle of its ranges is this much deeper than the safe depth."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Registration:
 
     Attributes:
         points: number of points.
-        sd_m: noise of each point on each axis.
-        volume_m: corners of the box in the world in which they lie.
+        sd_m: SD of a point's noise on each axis.
+        volume_m: corners, in the world, of the box in which the points lie.
     """
 
     points: int = 270
@@ -42,7 +42,7 @@ class Registration:
 
     @property
     def about(self) -> str:
-        """Return in words how well it finds a base."""
+        """Return a description with the accuracy."""
         return f"{self.points} points, {shown(self.sd_m, 'm', 'g')} an axis"
 
 
@@ -53,13 +53,13 @@ class CheckerboardRegistration:
     The camera's pose follows from the first arm's board, the other bases from theirs (Kehoe et al. 2014, IV-B).
 
     Attributes:
-        board: that brackets and people hold.
-        T_world_board: where each arm's bracket was made to hold it.
-        sd_m: position error of a base as found, at the board, on each axis: bracket and images together.
-        sd_rad: its rotation error about each axis.
-        bracket_sd_m: position error with which a bracket holds the board, on each axis.
-        bracket_sd_rad: its rotation error about each axis.
-        views: number of poses in which a person shows the board for the lenses.
+        board: the board that brackets and people hold.
+        T_world_board: nominal pose of the board on each arm's bracket.
+        sd_m: SD of a registered base's position error, at the board, on each axis; bracket and images together.
+        sd_rad: SD of its rotation error about each axis.
+        bracket_sd_m: SD of the position with which a bracket holds the board, on each axis.
+        bracket_sd_rad: SD of the rotation with which it holds the board, about each axis.
+        views: number of poses in which a person shows the board to calibrate the lenses.
     """
 
     board: Checkerboard = field(default_factory=Checkerboard)
@@ -75,27 +75,28 @@ class CheckerboardRegistration:
 
     @property
     def about(self) -> str:
-        """Return in words how well it finds a base."""
+        """Return a description with the accuracy."""
         return f"checkerboard, {shown(self.sd_m, 'm', 'g')} an axis and {shown(self.sd_rad, 'rad', 'g')} about each"
 
 
 @dataclass(frozen=True)
 class SensorFlaws:
-    """Magnitudes of the flaws; zero switches one off.
+    """Magnitudes of a depth camera's flaws; zero switches one off.
 
-    Sizes follow the authors' Zivid One+ S: sphere distances differ by .32 mm RMS (`fiducials/sphere_distances`), the
-    real capture of a block leaves .38 mm median, .76 mm RMS to its model (`blocks/capture`), with texture of layers.
+    Sizes follow the authors' Zivid One+ S. Its distances between spheres are off by .32 mm RMS
+    (`fiducials/sphere_distances`), and its capture of a block, with printed layers, deviates from the block's model by
+    .38 mm in the median and .76 mm RMS (`blocks/capture`).
 
     Attributes:
-        axial_m: SD of white noise of depth at ``reference_m``, seen face on; grows with depth squared and 1/cos.
-        waviness_m: SD of smooth noise of depth, as projected fringes cause it.
-        waviness_px: its correlation length.
+        axial_m: SD of white depth noise at ``reference_m``, seen face on; grows with depth squared and 1/cos.
+        waviness_m: SD of smooth depth noise, as projected fringes cause it.
+        waviness_px: correlation length of the smooth noise.
         reference_m: distance at which ``axial_m`` holds.
         grazing_cos: below this cosine of incidence, pixels go missing ever more often.
-        missing: share of pixels missing anywhere.
-        shadow: pixels that the projector does not light have no depth and little colour.
+        missing: share of pixels that go missing anywhere.
+        shadow: whether pixels that the projector does not light have no depth and little colour.
         edge_missing: share of pixels beside a jump of depth that go missing.
-        edge_mixed: share of them that land between the two surfaces.
+        edge_mixed: share of pixels beside a jump of depth that get a depth between the two surfaces.
         specular_missing: share of pixels lost where bare metal mirrors the projector into the lens.
         color_sd: SD of colour noise in grey levels of 255, the same in all three channels.
     """
@@ -116,12 +117,12 @@ class SensorFlaws:
         require_numbers(self)
 
     def with_depth(self, scale: float) -> SensorFlaws:
-        """Return a sensor whose depth scatters more by this factor."""
+        """Return the flaws with this factor on the noise of depth."""
         return replace(self, axial_m=scale * self.axial_m, waviness_m=scale * self.waviness_m)
 
     @staticmethod
     def none() -> SensorFlaws:
-        """Return the perfect sensor: exact depth everywhere, noiseless colour, light without shadow."""
+        """Return a perfect sensor: exact depth everywhere, noiseless colour, light without shadow."""
         sizes = (field for field in fields(SensorFlaws) if field.name not in ("waviness_px", "reference_m"))
         return SensorFlaws(**{field.name: type(field.default)(0) for field in sizes})  # type: ignore[call-arg]
 
@@ -133,15 +134,15 @@ class StationArm:
     Attributes:
         model: robot type, with its instrument.
         transmission: what lies between its encoders and its joints.
-        transmission_name: its name in ``TRANSMISSIONS``.
-        limits: of velocity and acceleration that its guard keeps.
-        T_world_base: where it was put.
-        park: where it rests before a script: a tip (3,) m in the world with the tool along the base's z, joints (6,),
-            or None: in the middle of its ranges, high in its port.
+        transmission_name: name of the transmission in ``TRANSMISSIONS``.
+        limits: limits of velocity and acceleration that its guard keeps.
+        T_world_base: true pose of the base.
+        park: where it rests before a script: a tip (3,) m in the world, with the tool aligned with the base, or joints
+            (6,), or None: the middle of its ranges, high in its port.
         park_jaw_rad: opening of its jaws there.
-        workspace_m: (2, 3) corners in the world of the box that its tip may not leave; None: no box.
+        workspace_m: (2, 3) corners, in the world, of the box that its tip may not leave; None: no box.
         calibration: range of the motion of a calibration recording; None: defined by the task.
-        T_world_base_registered: where a registration found the base; None: each session finds it again.
+        T_world_base_registered: pose of the base as registered; None: each session registers it.
     """
 
     model: ArmModel
@@ -171,7 +172,7 @@ class StationArm:
         """Return the joints (6,) in which it rests before a script.
 
         Raises:
-            OutOfReach: the place is.
+            OutOfReach: the tip cannot reach ``park``.
         """
         if self.park is None:
             q = self.model.middle.copy()
@@ -189,15 +190,15 @@ class StationCamera:
     """One camera of a laboratory.
 
     Attributes:
-        model: lens of an RGBD camera, or the two of a stereo pair.
-        T_world_camera: where it was put (of a pair: the left one).
-        exposure_s: of one image.
-        lamp_m: (3,) projector or lamp in the camera's frame.
-        flaws: of the sensor.
-        gain: of the exposure: objects near the lamp need less.
+        model: lens of an RGBD camera, or the two lenses of a stereo pair.
+        T_world_camera: true pose (of a pair: of the left camera).
+        exposure_s: exposure of one image.
+        lamp_m: (3,) position of the projector or lamp in the camera's frame.
+        flaws: flaws of the sensor.
+        gain: gain of the exposure; objects near the lamp need less.
         ambient: room light from all directions, as a share of the lamp's at .6 m.
-        T_world_camera_registered: where a registration found it; None: each session finds it again.
-        rig_registered: the lenses of a pair as a calibration found them; None: as they are.
+        T_world_camera_registered: pose as registered; None: each session registers it.
+        rig_registered: lenses of a pair as calibrated; None: ``model``.
     """
 
     model: CameraModel
@@ -219,7 +220,7 @@ class StationCamera:
 
     @property
     def model_registered(self) -> CameraModel:
-        """Return the lens or lenses as known to the user of the camera."""
+        """Return the lens or lenses that the user of the camera knows."""
         return self.rig_registered or self.model
 
 
@@ -228,15 +229,15 @@ class Station:
     """A laboratory.
 
     Attributes:
-        name: as ``--station`` takes it.
-        about: one line.
-        arms: by name, in order; the first works where one is enough.
-        cameras: by name.
+        name: name, as for ``--station``.
+        about: description in one line.
+        arms: arms by name, in order; the first one works where one is enough.
+        cameras: cameras by name.
         T_world_fixture: nominal poses of what is fixed on the table, by name.
-        registration: how the arms' bases are found.
+        registration: how the arms' bases are registered.
         min_distance_m: distance to keep between the instruments of two arms; 0: not checked.
-        difficulty: how far it departs from what is described here.
-        crtk: where its arms and cameras speak CRTK, if they do.
+        difficulty: how far the true laboratory departs from this description.
+        crtk: where its arms and cameras are found on CRTK.
     """
 
     name: str
@@ -271,13 +272,13 @@ class Station:
         return table(caption, ("what", "name", "kind", "pose in the world"), (*arms, *cameras, *fixtures))
 
     def arm(self, name: str) -> StationArm:
-        """Return the arm of this name."""
+        """Return the arm of this name (UnknownName: there is none)."""
         if name not in self.arms:
             raise UnknownName(f"station {self.name!r}: arm", name, self.arms)
         return self.arms[name]
 
     def calibration_box(self, arm: str) -> MotionBox:
-        """Return where an arm moves during a calibration; raise InvalidInput if the station does not say."""
+        """Return where an arm moves during a calibration (InvalidInput: the station does not say)."""
         box = self.arm(arm).calibration
         if box is None:
             problem = f"does not define where arm {arm!r} moves during calibration"
@@ -296,7 +297,7 @@ class Station:
         return {name: arm.model for name, arm in self.arms.items()}
 
     def flaws(self, task: str = "", flawless_camera: bool = False) -> dict[str, str]:
-        """Return in words what is imperfect here for a task, for the summary of a run."""
+        """Return a description of what is imperfect here for a task, for the summary of a run."""
         found = {"difficulty": ", ".join([self.difficulty.level, *self.difficulty.named])}
         found |= {f"transmission of {name}": arm.transmission.source for name, arm in self.arms.items()}
         found["registration of bases"] = self.registration.about
@@ -311,10 +312,10 @@ class Station:
         }
 
     def require_relevant(self, task: str = "") -> Station:
-        """Return this station, if each flaw that was given its own size has an effect on a task here.
+        """Return this station, if each flaw with a size of its own has an effect on a task here.
 
         Raises:
-            InvalidInput: one has none, so a summary that names it would be misleading.
+            InvalidInput: a flaw has no effect, so a summary that names it would be misleading.
         """
         relevant = self.relevant_flaws(task)
         for name in self.difficulty.sizes:
@@ -326,7 +327,7 @@ class Station:
         return self
 
     def relevant_flaws(self, task: str = "") -> list[str]:
-        """Return the names of the flaws that have an effect here, on a task or, if none is given, on any."""
+        """Return the names of the flaws that have an effect here: the station's, and those of a task if given."""
         felt = {"jaw", "tool"}.union(*(arm.transmission.flaws for arm in self.arms.values()))
         if isinstance(self.registration, Registration):
             if any(arm.T_world_base_registered is None for arm in self.arms.values()):

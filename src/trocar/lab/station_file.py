@@ -1,4 +1,4 @@
-"""Station files: TOML that is found by name or path, read into a station, and completed by a registration."""
+"""Station files in TOML: find them by name or path, read them, and add registered poses to them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from trocar.lab.topics import Topics
 from trocar.perception.image import CameraModel, Intrinsics, StereoRig
 
 EXACT = 1e-9
-"""m and rad: values read back are those that were written."""
+"""Greatest difference between a pose's matrix (rotation, m) that was written and the one that is read back."""
 
 
 def built_in_stations() -> tuple[str, ...]:
@@ -35,7 +35,7 @@ def load_station(name_or_path: str | Path) -> Station:
     """Return a built-in station by its name, or the one in a TOML file.
 
     Raises:
-        InvalidInput: there is none, or its file describes an impossible station.
+        InvalidInput: there is no such station, or its file describes an impossible one.
 
     Example:
         >>> load_station("peg-transfer").arms["psm1"].model.name
@@ -50,7 +50,7 @@ def station_text(name_or_path: str | Path) -> str:
 
 
 def station_digest(name_or_path: str | Path) -> str:
-    """Return the SHA-256 of a station's text, to tell whether it is still the one that a run was made with."""
+    """Return a hash of a station's text, which shows whether it is still the one that a run was made with."""
     return hashlib.sha256(station_text(name_or_path).encode()).hexdigest()[:16]
 
 
@@ -90,12 +90,12 @@ def with_registered(
     """Return a station's TOML text with these ``registered`` poses; everything else stays as it is.
 
     Args:
-        text: of the station.
-        T_world_base: bases, by arm.
-        cameras: pose in the world and, of stereo pairs, the lenses, by camera.
+        text: TOML text of the station.
+        T_world_base: poses of the bases, by arm.
+        cameras: pose in the world and model, by camera; only the lenses of stereo pairs are written.
 
     Raises:
-        InvalidInput: an arm or a camera has no separate table ``[arms.NAME]``, ``[cameras.NAME]`` in the text.
+        InvalidInput: an arm or a camera has no table ``[arms.NAME]`` or ``[cameras.NAME]`` in the text.
     """
     cameras = cameras or {}
     for name, T in T_world_base.items():
@@ -116,7 +116,7 @@ def with_registered(
 
 
 def with_topics(text: str, topics: Topics) -> str:
-    """Return a station's TOML text whose table ``[crtk]`` says that its arms and cameras speak there."""
+    """Return a station's TOML text with these topics as its table ``[crtk]``."""
     values = {one.name: getattr(topics, one.name) for one in fields(topics)}
     lines = [f"{name} = {_toml(value)}" for name, value in values.items() if value not in (None, (), {})]
     kept, inside = [], False
@@ -131,7 +131,7 @@ def with_topics(text: str, topics: Topics) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Return a value as TOML has it; strings, numbers and lists look as in JSON."""
+    """Return a value in TOML; strings, numbers and lists look as in JSON."""
     if isinstance(value, Mapping):
         return f"{{ {', '.join(f'{json.dumps(name)} = {_toml(one)}' for name, one in value.items())} }}"
     return json.dumps(value.value if isinstance(value, Enum) else value)
@@ -163,7 +163,7 @@ def _numbers(values: Iterable[float], digits: int) -> str:
 
 
 def _with_line(text: str, group: str, name: str, line: str) -> str:
-    """Return the text with a line at the head of the table [group.name], replacing any line with the same key."""
+    """Return the text with a ``registered`` line at the head of the table [group.name], replacing an older one."""
     lines = text.splitlines()
     header = re.compile(rf'\s*\[\s*{group}\s*\.\s*["\']?{re.escape(name)}["\']?\s*\]\s*(#.*)?$')
     heads = [number for number, found in enumerate(lines) if header.match(found)]

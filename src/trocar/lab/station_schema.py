@@ -1,4 +1,4 @@
-"""What a station file may say, checked by pydantic; an error becomes one sentence that names the key."""
+"""The schema of a station file, checked by pydantic; an error becomes one sentence that names the key."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from trocar.perception.checkerboard import MAX_CORNERS, MAX_SQUARE_M, MIN_CORNER
 from trocar.perception.image import Intrinsics, StereoRig
 
 MODEL_LIMITS = "model"
-"""Name of the limits that the arm's own model has."""
+"""Name for the limits of the arm's own model."""
 BOXES = {"psm1": PSM1_BOX, "psm2": PSM2_BOX}
-"""Ranges of a calibration's motion, by name: those of the recorded arms over a peg board."""
+"""Ranges of a calibration's motion, by name; they are those of the recorded arms over a peg board."""
 RIGID = 1e-3
-"""Printed rotations have four digits; within this they are made exact; beyond it they are not rotations."""
+"""Tolerance of a rotation matrix. Printed ones have four digits; within the tolerance they are made orthonormal."""
 TO_M = 1e-3
 
 Text = Annotated[str, Field(pattern=r"\S")]
@@ -57,10 +57,10 @@ class Table(BaseModel):
 
 
 def validated(model: type[Model], values: object, where: str) -> Model:
-    """Return a table as its model describes it.
+    """Return a table as an instance of its model.
 
     Raises:
-        InvalidInput: it is not so; the first fault in one sentence.
+        InvalidInput: the table does not match its model; the message is the first fault in one sentence.
     """
     try:
         return model.model_validate(values)
@@ -69,7 +69,7 @@ def validated(model: type[Model], values: object, where: str) -> Model:
 
 
 def _refusal(fault: Any, where: str) -> InvalidInput:
-    """Return one fault as pydantic reports it, as an error of ours."""
+    """Return one fault that pydantic reports as an InvalidInput."""
     keys = [key for key in fault["loc"] if isinstance(key, str)]
     item, about = ".".join([where, *keys]), fault.get("ctx", {})
     if fault["type"] == "missing":
@@ -88,7 +88,7 @@ def _refusal(fault: Any, where: str) -> InvalidInput:
 
 
 class PoseTable(Table):
-    """``xyz_mm`` with ``rpy_deg`` (Rz(yaw) Ry(pitch) Rx(roll)) or ``rotation``, three rows."""
+    """A pose: ``xyz_mm`` with ``rpy_deg`` (Rz(yaw) Ry(pitch) Rx(roll)) or the three rows of ``rotation``."""
 
     xyz_mm: Place = [0.0, 0.0, 0.0]
     rpy_deg: Row | None = None
@@ -222,7 +222,7 @@ class RegisteredTable(Table):
 
     @property
     def rig(self) -> StereoRig | None:
-        """Return the lenses of a pair as they were found, or None if only its pose was found."""
+        """Return the lenses of a pair as calibrated, or None if only its pose was registered."""
         if self.left is None or self.right is None or self.right_pose is None:
             return None
         return StereoRig(self.left.made(), self.right.made(), self.right_pose.T)
@@ -238,7 +238,7 @@ FlawsTable = create_model(
         for flaw in fields(SensorFlaws)
     },  # type: ignore[call-overload]
 )
-"""The sensor's flaws: those of the table, the rest as the default camera has them."""
+"""The sensor's flaws; those that the table leaves out have the values of the default camera."""
 
 
 class CameraTable(Table):
@@ -340,7 +340,7 @@ Name = Annotated[str, Field(pattern=r"^(/[A-Za-z]\w*)+$")]
 
 
 class CrtkTable(Table):
-    """Where arms and cameras speak CRTK."""
+    """Where arms and cameras are found on CRTK."""
 
     ros: Literal[1, 2] = 2
     arms: dict[str, Name] = {}

@@ -1,4 +1,4 @@
-"""Where the arms and cameras of a laboratory speak CRTK: names, network, dialect."""
+"""Where the arms and cameras of a laboratory are found on CRTK: names, network, dialect."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import Enum
 LOOPBACK = "127.0.0.1"
 """The interface that reaches this machine alone."""
 MAX_DOMAIN = 232
-"""The ports of higher ROS domains are out of range."""
+"""Highest ROS domain; the ports of higher ones are out of range."""
 
 
 class Dialect(Enum):
@@ -18,18 +18,18 @@ class Dialect(Enum):
     DVRK = "dvrk"
     """CRTK 1.1 and later: ``crtk_msgs/OperatingState``, poses as ``PoseStamped`` (dVRK 2.0 and later)."""
     CRTK_1_0 = "crtk-1.0"
-    """Before: ``crtk_msgs/operating_state``, poses as ``TransformStamped``."""
+    """CRTK before 1.1: ``crtk_msgs/operating_state``, poses as ``TransformStamped``."""
     RAVEN = "raven"
-    """Raven II: as before 1.1, moved by increments (``servo_jr``), its jaws beside it as ``/grasp1`` for ``/arm1``."""
+    """Raven II: like CRTK 1.0, but moved by increments (``servo_jr``), and with jaws as ``/grasp1`` for ``/arm1``."""
 
 
 class Command(Enum):
     """How arms are commanded."""
 
     SERVO = "servo_jp"
-    """A set-point a tick."""
+    """One set-point per tick."""
     MOVE = "move_jp"
-    """A goal a tick, towards which the arm plans its own way: for one that does not take a stream."""
+    """One goal per tick, towards which the arm plans its own motion; for arms that take no stream of set-points."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,12 @@ class Topics:
     """Where the arms and cameras of a laboratory are found.
 
     Attributes:
-        ros: 1 or 2.
-        arms: namespace of each arm's topics; an arm that is not here has its name in capitals: ``/PSM1``.
-        cameras: namespace of each camera's topics; one that is not here has its name: ``/overhead``.
-        dialect: of all arms.
-        command: how they are commanded.
-        loop: what the loop of real arms tolerates, by the names of ``trocar.hardware.LoopSettings``, where it is not
-            the usual.
+        ros: version of ROS, 1 or 2.
+        arms: namespace of each arm's topics; by default the arm's name in capitals: ``/PSM1``.
+        cameras: namespace of each camera's topics; by default the camera's name: ``/overhead``.
+        dialect: dialect of all arms.
+        command: how the arms are commanded.
+        loop: settings of the control loop that differ from the defaults of ``trocar.hardware.LoopSettings``.
         interface: address of this machine's network interface.
         peers: addresses of other machines to speak with (ROS 2).
         domain: ``ROS_DOMAIN_ID``; None: the environment's (ROS 2).

@@ -1,4 +1,4 @@
-"""What lies between an encoder and its joint: identified cables, or a field of errors."""
+"""Transmissions, which lie between an encoder and its joint: identified cables, or a field of errors."""
 
 from trocar.calibration.plant import PLANTS, PSM1_GREY_SESSIONS
 from trocar.lab.transmission.base import DriveTrain, JawCable, Stiff, Transmission
@@ -15,6 +15,6 @@ TRANSMISSIONS: Registry[Transmission] = Registry(
     {name: Cables(plant, usual=SESSIONS.get(name)) for name, plant in PLANTS.items()}
     | {"raven2": PoseErrorField(), "stiff": Stiff()},
 )
-"""What a station's arm can have between encoder and joint, by name."""
+"""The transmissions that a station's arm can have, by name."""
 
 __all__ = ["TRANSMISSIONS", "Cables", "DriveTrain", "JawCable", "PoseErrorField", "Stiff", "Transmission"]

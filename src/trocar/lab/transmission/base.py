@@ -1,4 +1,4 @@
-"""What lies between an encoder and its joint, a running instance of it, and the simplest ones."""
+"""The interface of transmissions, a running one with its noise, and the simplest ones."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ CREEP_TIME_S = 300.0
 
 
 class Transmission(Protocol):
-    """What an instrument's drive does to the joints, drawn anew for every session; no errors unless a class says so."""
+    """The drive between an instrument's encoders and joints, drawn anew for every session.
+
+    By default it has no noise, creep or flaws.
+    """
 
     @property
     def source(self) -> str:
-        """Return the source of its numbers."""
+        """Return the source of the numbers."""
         ...
 
     @property
@@ -61,8 +64,8 @@ class Transmission(Protocol):
 class DriveTrain:
     """The running transmission of one arm: its repeatable part, plus errors that do not repeat.
 
-    These change within a second (an Ornstein-Uhlenbeck process through a low pass of the same time) or, for creep, over
-    minutes. Hysteresis does not depend on speed: the recordings are quasi-static.
+    The latter change within a second (an Ornstein-Uhlenbeck process through a low-pass filter with the same time
+    constant) or, for creep, over minutes. Hysteresis does not depend on speed: the recordings are quasi-static.
     """
 
     def __init__(self, transmission: Transmission, q_start: Array, rng: np.random.Generator):
@@ -88,18 +91,18 @@ class DriveTrain:
             self._creep = keep * self._creep + kick * self._creep_rng.standard_normal(6)
 
     def joints(self, q_cmd: Array) -> Array:
-        """Return where the joints (6,) are held after the command (6,); to be called along the path."""
+        """Return the joints (6,) after the command (6,); call it for each command along the path."""
         q, self._memory = self.transmission.step(self._memory, q_cmd)
         return q + self._drift + self._creep
 
 
 @dataclass(frozen=True)
 class Stiff(Transmission):
-    """Joints that follow their encoders exactly: no cables at all, in every session and at every difficulty."""
+    """Joints that follow their encoders exactly, in every session and at every difficulty."""
 
     @property
     def source(self) -> str:
-        """Return what it is."""
+        """Return a description."""
         return "joints that follow their encoders exactly"
 
     def drawn(self, rng: np.random.Generator, difficulty: Difficulty) -> Stiff:
@@ -117,7 +120,7 @@ class Stiff(Transmission):
 
 @dataclass(frozen=True)
 class JawCable:
-    """Jaws with a constant offset that follow with play.
+    """Jaws that follow their command with a constant offset and with play.
 
     Attributes:
         offset_rad: true minus encoder angle, in one session.
@@ -133,6 +136,6 @@ class JawCable:
         return JawCable(size_rad * float(rng.standard_normal()), size_rad)
 
     def step(self, followed_rad: float, jaw_rad: float) -> tuple[float, float]:
-        """Return the angle to which a command pulls the jaws, and the output of the play."""
+        """Return the angle to which a command pulls the jaws, and the new output of the play operator."""
         followed = min(max(followed_rad, jaw_rad - self.play_rad), jaw_rad + self.play_rad)
         return followed + self.offset_rad, followed

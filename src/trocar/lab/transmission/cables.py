@@ -1,4 +1,4 @@
-"""Identified cables, as they are in one session, and what no model of them contains."""
+"""Identified cables as they are in one session, with errors that no cable model contains."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ WAVES = 48
 class HistoryField:
     """Errors of three joints: ``sum_k a_k sin(v_k u + w_k s + p_k)`` of commands u and slacks s of play operators.
 
-    The same path through the commands gives the same errors, another path to the same place gives others, and it does
-    not matter how fast or how finely the path is sampled: the recordings' residuals behave the same way. No play model
-    contains it.
+    The errors depend on the path of the commands, not on its speed or sampling: the same path gives the same errors,
+    another path to the same place gives others. The recordings' residuals behave the same way. No play model contains
+    such a field.
 
     Attributes:
-        radii: (3, m) of the play operators, in the joints' units.
+        radii: (3, m) radii of the play operators, in the joints' units.
         v: (k, 3) wave vectors over the commands.
-        w: (k, 3 m) over the slacks, in shares of their radii.
-        phases: (k,).
-        amplitudes: (k, 3).
+        w: (k, 3 m) wave vectors over the slacks, in shares of their radii.
+        phases: (k,) phases of the waves.
+        amplitudes: (k, 3) amplitudes of the waves for each joint.
     """
 
     radii: Array
@@ -41,18 +41,18 @@ class HistoryField:
 
     @staticmethod
     def drawn(rng: np.random.Generator, sd: Array, scale: Array, radii: Array) -> HistoryField:
-        """Return a field of errors of this SD (3,), which change over distances ``scale`` (3,) if the slacks stay."""
+        """Return a field of errors with this SD (3,), which change over commands of ``scale`` (3,) at fixed slacks."""
         v = rng.standard_normal((WAVES, 3)) / scale
         w = rng.standard_normal((WAVES, radii.size))
         amplitudes = sd * np.sqrt(2.0 / WAVES) * rng.standard_normal((WAVES, 3))
         return HistoryField(radii, v, w, rng.uniform(0.0, TURN, WAVES), amplitudes)
 
     def start(self, u: Array, rng: np.random.Generator) -> Array:
-        """Return play operators (3, m) somewhere in their slack."""
+        """Return the play operators (3, m) with random slacks."""
         return u[:, None] + rng.uniform(-1.0, 1.0, self.radii.shape) * self.radii
 
     def step(self, memory: Array, u: Array) -> tuple[Array, Array]:
-        """Return the errors (3,) at a command (3,), and the operators."""
+        """Return the errors (3,) at a command (3,), and the new operators."""
         column = u[:, None]
         followed = np.minimum(np.maximum(memory, column - self.radii), column + self.radii)
         slacks = ((column - followed) / self.radii).ravel()
@@ -60,14 +60,14 @@ class HistoryField:
 
 
 MIDDLE = np.array([0.0, 0.0, 0.15])
-"""Joints at which gains have no effect, rad and m (assumed: an error there is attributed to the base's pose)."""
+"""Joints at which gains have no effect, rad and m (assumed: an error there counts as one of the base's pose)."""
 GAIN_SD = 0.25 * np.array([[0.021, 0.005, 0.065], [0.004, 0.013, 0.033], [0.0019, 0.0012, 0.0105]])
 """Error of q1 q2 q3 (rows) per rad of q1, rad of q2 and m of q3: a quarter of the RMS over six recordings.
 
-Most of the recorded gain stems from the registration used for measuring: with all of it, a rigid fit would leave three
-times what the recorded registration sets leave (``benchmarks/bench_cell.py``)."""
+Most of the recorded gain stems from the registration behind the measurements: with all of it, a rigid fit would leave
+three times the residual of the recorded registration sets (``benchmarks/bench_cell.py``)."""
 PLAY = np.array([[0.0005], [0.0005], [0.0003]])
-"""Half-width of their own play, rad and m: a model with this play halves the error of q3 in recordings."""
+"""Half-width of the outer joints' play, rad and m: a model with this play halves the error of q3 in recordings."""
 FIELD_SD = np.array([0.0009, 0.0012, 0.00012])
 """SD of the errors that are neither gain nor play, rad and m."""
 OUTER_SCALE = np.array([0.3, 0.3, 0.05])
@@ -76,7 +76,7 @@ OUTER_RADII = np.array([[0.05, 0.15], [0.05, 0.15], [0.008, 0.025]])
 
 
 class OuterState(NamedTuple):
-    """Operators of the joints' own play (3, 1), and those of the field."""
+    """Play operators of the joints (3, 1) and of the field (3, m)."""
 
     play: Array
     field: Array
@@ -84,12 +84,12 @@ class OuterState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OuterErrors:
-    """Gains, play and a field of errors of one session.
+    """Errors of the outer joints q1 q2 q3 in one session: gains, play and a field.
 
     Attributes:
         gains: (3, 3) error per command.
         play: (3, 1) half-width of each joint's play.
-        field: the rest.
+        field: the remaining errors.
     """
 
     gains: Array
@@ -98,7 +98,7 @@ class OuterErrors:
 
     @staticmethod
     def drawn(rng: np.random.Generator, scale: float) -> OuterErrors:
-        """Return the errors of a session, as a multiple of what recordings show."""
+        """Return the errors of a session, scaled to a multiple of the recorded ones."""
         field = HistoryField.drawn(rng, scale * FIELD_SD, OUTER_SCALE, OUTER_RADII)
         return OuterErrors(scale * GAIN_SD * rng.standard_normal((3, 3)), scale * PLAY, field)
 
@@ -119,14 +119,14 @@ OUTER_SHARE = float(np.sqrt(0.5))
 MOST_SHARE = 0.9
 """At most this share of the SD between two equal runs comes from the joints; the rest is fiducial noise."""
 MOST_SDS = 2.0
-"""No radius, gain or coupling differs by more SDs: an instrument with more wear would be discarded (assumed)."""
+"""Changes of radii, gains and couplings are clipped at this many SDs: a more worn tool would be discarded (assumed)."""
 SCALE = np.array([1.5, 1.5, 1.5])
 RADII = np.tile([0.2, 0.5], (3, 1))
 """Radii of the residual field, rad: with these, residuals in the cell correlate along the path as in recordings."""
 
 
 class CableState(NamedTuple):
-    """Everything that the joints depend on besides the command."""
+    """The state on which the joints depend, besides the command."""
 
     play: PlayState
     residual: Array | None
@@ -135,17 +135,17 @@ class CableState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cables(Transmission):
-    """Play, coupling and offset of identified cables, and an error outside the model.
+    """Play, coupling and offset of identified cables, and errors outside their model.
 
     Attributes:
         plant: the identified instrument, or its state in a session.
-        usual: the plant about which sessions scatter if the instrument changes between them (the flaw ``wear``): the
-            mean of the recorded ones. A single session may be unusual: with sessions about `psm1_grey_random`, tips
-            miss recorded places by 4.6 mm, whereas they really missed them by 3.7 (``benchmarks/bench_cell.py``). None:
-            the plant.
+        usual: the plant about which sessions scatter if the instrument wears between them (the flaw ``wear``): the mean
+            of the recorded sessions; None: ``plant``. A single session may be unusual: with sessions about
+            `psm1_grey_random`, tips miss recorded places by 4.6 mm, but the real ones missed them by 3.7 mm
+            (``benchmarks/bench_cell.py``).
         noise_sd: (3,) SD of the wrist's error that differs from run to run, rad.
         wander_sd: (3,) SD of the wrist's offsets over minutes, rad.
-        residual: error of the wrist that fits no model's family.
+        residual: errors of the wrist that no cable model can fit.
         outer: errors of q1 q2 q3.
     """
 
@@ -166,7 +166,7 @@ class Cables(Transmission):
 
     @property
     def flaws(self) -> tuple[str, ...]:
-        """Return the names of the flaws that have an effect: those of cables."""
+        """Return the names of the flaws that have an effect."""
         return ("offsets", "wear", "residual", "noise", "creep", "outer")
 
     @property
@@ -201,7 +201,7 @@ class Cables(Transmission):
         )
 
     def start(self, q_cmd: Array, rng: np.random.Generator) -> CableState:
-        """Return play operators somewhere in their slack."""
+        """Return the state with random slacks."""
         slack = rng.uniform(-1.0, 1.0, 3) * self.plant.radii
         play = tuple((np.array(self.plant.start(q_cmd)) + slack).tolist())
         residual = None if self.residual is None else self.residual.start(q_cmd[WRIST], rng)
@@ -209,7 +209,7 @@ class Cables(Transmission):
         return CableState(play, residual, outer)
 
     def step(self, memory: Any, q_cmd: Array) -> tuple[Array, CableState]:
-        """Return the joints (6,) after the command, and the operators."""
+        """Return the joints (6,) after the command (6,), and the new state."""
         q, play = self.plant.step(memory.play, q_cmd)
         residual, outer = memory.residual, memory.outer
         if self.residual is not None:
@@ -222,7 +222,7 @@ class Cables(Transmission):
 
 
 def _worn(plant: CablePlant, sd: Array, rng: np.random.Generator) -> CablePlant:
-    """Return the cables with other play, shares, gains and couplings, of these SDs (4,)."""
+    """Return the cables with changes of these SDs (4,): logarithms of radii, shares a and b, K, C."""
     if not sd.any():
         return plant
     of_radii, of_shares, of_K, of_C = sd

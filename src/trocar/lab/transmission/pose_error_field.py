@@ -1,4 +1,4 @@
-"""Joints of an arm whose encoders sit at its motors: off by a field of errors."""
+"""The transmission of an arm whose encoders sit at its motors: joints with a smooth field of errors."""
 
 from __future__ import annotations
 
@@ -16,26 +16,25 @@ from trocar.lab.transmission.base import Transmission
 
 @dataclass(frozen=True, eq=False)
 class PoseErrorField(Transmission):
-    """Joints that are off by a constant of the session and by a smooth field over the joints' space, with some play.
+    """Joints that are off by a constant of the session and by a smooth field over joint space, with some play.
 
-    ``q_joint = q_cmd + bias + sum_k a_k sin(w_k q_cmd + p_k) + slack``: a cable-driven arm whose encoders sit at the
-    motors. The default sizes give tip errors as measured on a Raven II: 38 mm and 24.5 deg on average, 7.1 mm RMS after
-    the best rigid fit (facts/debridement.md, Real data). How they are distributed over the joints is assumed: most of
-    the measured bias is along the vertical, and so along the insertion of an instrument that works downwards. One
-    session was recorded, so it is unknown how sizes vary: the constant has the same size in every session, for the
-    outer joints and for the wrist, but a different direction in the space of either (assumed). Tested in
-    ``tests/lab/test_transmission.py``.
+    ``q_joint = P(q_cmd) + bias + sum_k a_k sin(w_k q_cmd + p_k)`` with a play operator P for each joint: a cable-driven
+    arm whose encoders sit at the motors. The default sizes give tip errors as measured on a Raven II: 38 mm and
+    24.5 deg on average, 7.1 mm RMS after the best rigid fit. How they are distributed over the joints is assumed: most
+    of the measured bias is along the vertical, and so along the insertion of an instrument that works downwards. Only
+    one session was recorded, so it is unknown how sizes vary. The constant has the same size in every session, both in
+    the outer joints and in the wrist, but a random direction in either space (assumed).
 
     Attributes:
-        bias_rms: (6,) of the constant, rad and m.
-        field_sd: (6,) of the smooth part, likewise.
+        bias_rms: (6,) RMS of the constant, rad and m.
+        field_sd: (6,) SD of the smooth field, rad and m.
         play: (6,) half-width of each joint's play, rad and m (assumed).
-        noise_sd: (6,) of what does not repeat (assumed).
+        noise_sd: (6,) SD of the unrepeatable error, rad and m (assumed).
         scale: (6,) distance in each joint's command over which the field changes, rad and m (assumed).
-        bias: (6,) of this session.
+        bias: (6,) constant of this session.
         waves: (k, 6) wave vectors of this session's field.
-        phases: (k,) likewise.
-        amplitudes: (k, 6) likewise.
+        phases: (k,) phases of this session's field.
+        amplitudes: (k, 6) amplitudes of this session's field.
     """
 
     bias_rms: tuple[float, ...] = (0.087, 0.087, 0.033, 0.256, 0.215, 0.215)
@@ -60,7 +59,7 @@ class PoseErrorField(Transmission):
 
     @property
     def flaws(self) -> tuple[str, ...]:
-        """Return the names of the flaws that have an effect: that of its kinematics."""
+        """Return the names of the flaws that have an effect."""
         return ("kinematics",)
 
     @property
@@ -85,11 +84,11 @@ class PoseErrorField(Transmission):
         )
 
     def start(self, q_cmd: Array, rng: np.random.Generator) -> Array:
-        """Return play operators (6,) somewhere in their slack."""
+        """Return the play operators (6,) with random slacks."""
         return q_cmd + rng.uniform(-1.0, 1.0, 6) * np.array(self.play)
 
     def step(self, memory: Array, q_cmd: Array) -> tuple[Array, Array]:
-        """Return the joints (6,) after the command, and the operators."""
+        """Return the joints (6,) after the command (6,), and the new operators."""
         r = np.array(self.play)
         followed = np.minimum(np.maximum(memory, q_cmd - r), q_cmd + r)
         smooth = np.sin(self.waves @ q_cmd + self.phases) @ self.amplitudes
