@@ -1,4 +1,4 @@
-"""Evaluation: what a task and a method are; how runs of them are configured, played, saved and loaded.
+"""Evaluation: define tasks and methods; configure, play, save and load runs of them.
 
 This module exports what a task's own code needs. Runs (``trocar.eval.run``) need the simulator.
 """

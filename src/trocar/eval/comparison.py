@@ -13,9 +13,9 @@ from trocar.errors import InvalidInput
 from trocar.eval.statistics import session_posterior
 
 EXACT_UP_TO = 1 << 14
-"""Maximum number of sign patterns that are all counted; with more sessions, this many are drawn."""
+"""All sign patterns are counted up to this number; of more, this many are drawn."""
 DRAWS = 10_000
-"""How often sessions are resampled for the interval of a ratio."""
+"""Number of resamples of the sessions for the interval of a ratio."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Estimate:
     """A mean over sessions.
 
     Attributes:
-        mean: of the sessions' means.
-        low: end of the 95 % interval; None for a single session.
-        high: likewise.
+        mean: mean of the sessions' means.
+        low: lower end of the 95 % interval; None for a single session.
+        high: upper end; None for a single session.
     """
 
     mean: float
@@ -38,10 +38,10 @@ class Difference:
     """One condition minus another, session by session.
 
     Attributes:
-        sessions: number that both conditions have.
-        mean: of the differences; NaN without a session.
-        low: end of the 95 % interval of Student's t over the differences; None for fewer than two sessions.
-        high: likewise.
+        sessions: number of sessions that both conditions have.
+        mean: mean of the differences; NaN without a session.
+        low: lower end of the 95 % interval of Student's t over the differences; None for fewer than two sessions.
+        high: upper end, likewise.
         p: probability of a mean at least this far in the tested direction by chance (one-sided).
     """
 
@@ -56,7 +56,10 @@ def session_estimate(values: Mapping[int, Sequence[float]]) -> Estimate:
     """Return the mean over sessions with the 95 % interval of Student's t over the sessions' means.
 
     Args:
-        values: of the trials of each session.
+        values: values of the trials, by session.
+
+    Raises:
+        InvalidInput: there is no session.
     """
     means = np.array([np.mean(of_session) for of_session in values.values() if len(of_session)])
     if not len(means):
@@ -69,13 +72,13 @@ Pairs = Mapping[int, Sequence[tuple[float, float]]]
 
 
 def ratio_estimate(values: Pairs) -> Estimate | None:
-    """Return a ratio of sums with its 95 % interval over sessions; None where the denominators are all 0.
+    """Return a ratio of sums with its 95 % interval over sessions; None if the denominators are all 0.
 
     The interval is Student's t over the deviations of the sessions' numerators from the common ratio (linearised,
-    Cochran 1977). If all sessions have the same denominator, it is that of :func:`session_estimate`.
+    Cochran 1977). If all sessions have the same denominator, it equals the interval of :func:`session_estimate`.
 
     Args:
-        values: of the trials of each session.
+        values: numerators and denominators of the trials, by session.
     """
     sums = _sums(values, list(values))
     if sums[:, 1].sum() <= 0:
@@ -88,11 +91,11 @@ def ratio_estimate(values: Pairs) -> Estimate | None:
 def ratio_of_ratios(first: Pairs, second: Pairs) -> Estimate | None:
     """Return one ratio of sums over another, over the sessions that both have; None if a divisor is 0.
 
-    The 95 % interval is the percentile interval when sessions are resampled with replacement, the same ones for both.
-    With few sessions it is somewhat narrow. Draws with a divisor of 0 are left out.
+    The 95 % interval is the percentile bootstrap over sessions, with the same resamples for both. With few sessions it
+    is somewhat narrow. Resamples with a divisor of 0 are left out.
 
     Args:
-        first: values of the trials, by session.
+        first: numerators and denominators of the trials, by session.
         second: likewise; the divisor.
     """
     both = [session for session in first if session in second]
@@ -127,12 +130,12 @@ def session_difference(
     """Return the difference between two conditions in the same sessions.
 
     Each session gives one difference of means. If the conditions did not differ, each difference could equally have the
-    other sign: the p-value is the share of all sign patterns (drawn ones for more than 14 sessions) with a mean at
-    least as far in the tested direction. It assumes no distribution, and with n sessions it cannot be below 2^-n.
+    other sign. So the p-value is the share of all sign patterns (of drawn ones for more than 14 sessions) with a mean
+    at least as far in the tested direction. It assumes no distribution, and with n sessions it cannot be below 2^-n.
 
     Args:
         first: values of the trials, by session.
-        second: likewise.
+        second: likewise; it is subtracted.
         less: whether the first is expected to be less; else more.
     """
     both = [session for session in first if len(first[session]) and len(second.get(session, ()))]
@@ -173,10 +176,10 @@ def rate_difference(
     """Return the interval of the difference of two success rates over sessions.
 
     The rates have the posteriors of :func:`trocar.eval.statistics.session_interval`, treated as independent, which is
-    conservative if the sessions are the same. It also holds if everything succeeded.
+    conservative if the sessions are the same. The interval is also valid if everything succeeded.
 
     Args:
-        first: successes and attempts, by session.
+        first: successes and attempts of each session.
         second: likewise; it is subtracted.
         share: share of the posterior inside the interval.
     """
@@ -184,14 +187,14 @@ def rate_difference(
     two = session_posterior(*second)[1]
     weights = np.convolve(one, two[::-1])
     grid = (np.arange(len(weights)) - (len(middles) - 1)) * (middles[1] - middles[0])
-    cumulative = (np.cumsum(weights) - weights / 2.0) / weights.sum()  # half of a bin is below its middle
+    cumulative = (np.cumsum(weights) - weights / 2.0) / weights.sum()  # half of a bin's weight is below its middle
     tail = (1.0 - share) / 2.0
     low, high = np.interp([tail, 1.0 - tail], cumulative, grid)
     return float(low), float(high)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for their number (Holm 1979): those below .05 hold jointly at 95 %."""
+    """Return p-values adjusted for multiple tests (Holm 1979): those below .05 hold jointly at 95 %."""
     order = np.argsort(p_values)
     adjusted = np.empty(len(order))
     worst = 0.0

@@ -30,31 +30,31 @@ USUAL_MODEL = "play"
 IMAGES, JOINTS = "images", "joints"
 """Sources of a calibration recording: spheres seen by the station's camera, or joints with drawn noise."""
 FITTED_ON = "cable models are fitted on"
-"""Key of this source in a summary."""
+"""Key, in a summary, of the source of cable models."""
 
 OF_SIMULATION = ("station", "model", "calibration", "sessions", "new_session", "refit_offsets", "flawless_camera")
 OF_SIMULATION += ("difficulty", "flaws", "command_noise")
-"""Options of simulated sessions, which a robot has not."""
+"""Options of simulated sessions, which do not apply to a robot."""
 
 FOLLOWS = ("options", "variant", "goal_noun", "station_digest", "arms", "flaws", "versions", "robot", "observations")
 """Properties of a run that follow from its other options."""
 
 MAX_NOISE_MM = 20.0
-"""Largest push of motions; larger ones leave the table's room."""
+"""Largest push of motions; larger ones would leave the free space above the table."""
 
 MAX_TRIALS = 100_000
 """Maximum number of trials of a run: weeks of work on all cores of a large machine."""
 
 SESSION, CALIBRATION, REMOUNT, REFIT, TRIALS = range(5)
-"""Streams of randomness of one session under a run's seed: changing one leaves the others alone."""
+"""Random streams of one session under a run's seed; a change in one does not affect the others."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunConfig:
     """The configuration of a run of a task; the same configuration writes the same trials.
 
-    Its fields are the options of ``trocar run``: the text of each says what it does. An empty text means the default of
-    the task or of the method, which is then filled in.
+    Its fields are the options of ``trocar run``, with their help. An empty value means the default of the task or of
+    the method, which is then filled in.
 
     Attributes:
         chosen_method: the method.
@@ -171,7 +171,7 @@ class RunConfig:
                 raise InvalidInput(flag_of(field_), problem, "drop one of them")
 
     def _choose_cables(self, method: Method) -> None:
-        """Check that each arm that works has the cable model that the method needs, and that none is superfluous."""
+        """Check that each working arm has the cable model that the method needs, and that no model is superfluous."""
         files = self.cable_files()
         if method.learns:
             self._set(model=USUAL_MODEL)
@@ -227,7 +227,7 @@ class RunConfig:
             self._set(model=self.model or USUAL_MODEL)
 
     def _choose_calibration(self, method: Method) -> None:
-        """Choose what cable models are fitted on; what is not possible is refused before anything is written."""
+        """Choose what cable models are fitted on; refuse what is not possible before anything is written."""
         if self.calibration not in ("", IMAGES, JOINTS):
             raise UnknownName("calibration", self.calibration, (IMAGES, JOINTS))
         if not method.calibrated:
@@ -256,14 +256,14 @@ class RunConfig:
         load_prior(self.prior)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what recreates this configuration in another process, after loading the same plugins."""
+        """Return how to recreate this configuration in another process, after loading the same plugins."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "task"}
         values |= {"station": ""} if self.robot else {}
         options = {f.name: getattr(self.task, f.name) for f in fields(self.task)}  # type: ignore[arg-type]
         return _made_again, (self.task.name, options, values)
 
     def about(self) -> dict[str, Any]:
-        """Return as JSON what distinguishes this run from others: all but the numbers of sessions and trials."""
+        """Return JSON values that distinguish this run from others: all but the numbers of sessions and trials."""
         of_robot: dict[str, Any] = {}
         if self.robot:  # nothing was drawn, and a robot's flaws are its own
             of_robot = {"robot": self.robot.partition(":")[0], "difficulty": [], "calibration": None, "model": None}
@@ -298,7 +298,7 @@ class RunConfig:
 
     @property
     def how_difficult(self) -> list[str]:
-        """Return the laboratory's difficulty and the flaws that were given their own size."""
+        """Return the laboratory's difficulty and the flaws with a size of their own."""
         return [self.difficulty, *self.laboratory.difficulty.named]
 
     def _flaws(self) -> dict[str, str]:
@@ -318,7 +318,7 @@ class RunConfig:
 
     @property
     def unusual(self) -> dict[str, Any]:
-        """Return the options that differ from the defaults of its task, method and seed."""
+        """Return the options that differ from the defaults for this task and method; the seed is not one of them."""
         kind = type(self.task)
         required = {f.name: getattr(self.task, f.name) for f in fields(kind) if f.default is MISSING}  # type: ignore[arg-type]
         where: dict[str, Any] = (
@@ -330,7 +330,7 @@ class RunConfig:
         return {name: value for name, value in found.items() if value != ordinary[name]}
 
     def _chosen(self) -> dict[str, Any]:
-        """Return the chosen options, without what follows from them."""
+        """Return the options of the run and of the task, without what follows from them."""
         return {name: value for name, value in self.about().items() if name not in FOLLOWS} | self.task.options()
 
     @property
@@ -339,7 +339,7 @@ class RunConfig:
         return fingerprint(self.about())
 
     def rng(self, session: int, *stream: int) -> np.random.Generator:
-        """Return the generator of one of a session's streams."""
+        """Return the random generator of one of a session's streams."""
         return np.random.default_rng(self.seeds(session, *stream))
 
     def seeds(self, session: int, *stream: int) -> np.random.SeedSequence:
@@ -358,7 +358,7 @@ def _made_again(task: str, options: dict[str, Any], values: dict[str, Any]) -> R
 
 
 def fingerprint(about: dict[str, Any]) -> str:
-    """Return the digest of what distinguishes a run from others."""
+    """Return the digest of the values that distinguish a run from others."""
     text = json.dumps(about, sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -1,4 +1,4 @@
-"""The folder of a run: what is done, what is still to do, and whether the folder belongs to this run at all."""
+"""The folder of a run: which trials are done, which are still to do, and whether it belongs to this run at all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from trocar.lab import require_reach
 
 RECORD = "run.json"
 MAX_SHOWN = 4
-"""Folders of runs that are named to somebody who gave another one."""
+"""Maximum number of runs' folders that an error message suggests."""
 
 
 def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
@@ -42,7 +42,7 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
                 problem = "is damaged, so it is unknown whose trials lie beside it"
                 remedy = "choose another folder with --out, or move it away if they are of this run"
                 raise BadFile(record, problem, remedy)
-            if any(folder.glob("session_*")):  # else nothing was computed yet that could be mixed up
+            if any(folder.glob("session_*")):  # otherwise there is nothing yet that could be mixed up
                 _require_same(found, about, folder)
         text = {**about, "fingerprint": fingerprint, "sessions": config.sessions, "trials": config.trials}
     except OSError as error:
@@ -55,9 +55,8 @@ def open_folder(config: RunConfig, folder: str | Path) -> list[tuple[int, int]]:
 def load_trials(folder: str | Path) -> tuple[Trials, list[str]]:
     """Return the finished trials of a run's folder in order, and a sentence for each that cannot be used.
 
-    Every file is read once for a check; the returned sequence reads a trial again on request.
-
-    ``run.json`` tells which run the folder belongs to; if it is lost, the first trial does.
+    Every file is read once for a check; the returned sequence reads a trial again on request. ``run.json`` tells which
+    run the folder belongs to, or, if it is lost, the first trial.
 
     Raises:
         BadFile: there is no such folder, or no trial in it.
@@ -83,7 +82,7 @@ def load_trials(folder: str | Path) -> tuple[Trials, list[str]]:
 def look_through(folder: str | Path, read: Callable[..., Trial]) -> Iterator[tuple[Path, Trial | str]]:
     """Yield each trial's file in a run's folder, in order, with its trial, or a sentence if it cannot be used.
 
-    ``read`` returns the trial in a file, as ``Trial.load`` does.
+    ``read`` returns the trial in a file: ``Trial.load`` or ``Trial.load_noted``.
     """
     run = str(run_record(folder).get("fingerprint", ""))
     for path in trial_files(folder):
@@ -103,7 +102,7 @@ def look_through(folder: str | Path, read: Callable[..., Trial]) -> Iterator[tup
 
 
 def where_runs_are(folder: str | Path) -> str:
-    """Return in words which folders of runs lie in or around a folder that is none; what to do if there are none."""
+    """Return advice for a folder that is not a run's: which folders of runs lie in or around it, or how to make one."""
     folder = Path(folder).absolute()
     found = [place for place in folder.parents if (place / RECORD).is_file()][:1]
     found = found or sorted(path.parent for path in folder.glob(f"*/{RECORD}"))
@@ -117,7 +116,7 @@ def load_trial(path: str | Path) -> Trial:
     """Return the trial in a file; in the folder of a run, only if it belongs to that run.
 
     Raises:
-        BadFile: there is no such file, it is not a trial, or not the one that its path indicates.
+        BadFile: the file does not exist, is not a trial, or is not the trial that its path indicates.
     """
     path = Path(path)
     trial = Trial.load(path)
@@ -141,9 +140,9 @@ def requested(folder: str | Path) -> tuple[int, int] | None:
 
 
 def still_to_do(folder: str | Path, done: int) -> list[str]:
-    """Return a sentence if a run has fewer trials than requested, so that it is not taken for the whole run."""
+    """Return a sentence if a run has fewer trials than requested, so that nobody takes it for the whole run."""
     if run_record(folder).get("method") == CLIENT:
-        return []  # each trial of another program is asked for by itself
+        return []  # an outside program asks for its trials one by one
     record = requested(folder)
     if record is None:
         return [f"{str(Path(folder) / RECORD)!r} cannot be read, so the run's number of trials is unknown"]
@@ -159,7 +158,7 @@ def _place(about: dict[str, Any]) -> tuple[int, int]:
 
 
 def run_record(folder: str | Path) -> dict[str, Any]:
-    """Return what is recorded of the run that a folder was made for; empty if that is lost."""
+    """Return the record of the run that a folder was made for; empty if it is lost."""
     try:
         found = read_json(Path(folder) / RECORD)
     except (OSError, ValueError):
@@ -168,7 +167,7 @@ def run_record(folder: str | Path) -> dict[str, Any]:
 
 
 def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> bool:
-    """Return whether a trial of this run exists; refuse one of another run."""
+    """Return whether a trial of this run exists and can be read (BadFile: it is of another run)."""
     path = trial_file(folder, *place)
     if not path.is_file():
         return False
@@ -185,7 +184,7 @@ def is_done(folder: str | Path, place: tuple[int, int], fingerprint: str) -> boo
 
 
 def set_aside(path: str | Path) -> None:
-    """Rename whatever is in the place of a trial that is still to be run, so that nothing is lost."""
+    """Rename a file in the place of a trial that is still to be run, so that nothing is lost."""
     path = Path(path)
     if path.is_file():
         path.replace(path.with_name(f"{path.name}.aside"))
@@ -198,7 +197,7 @@ def _require_same(found: dict[str, Any], about: dict[str, Any], folder: Path) ->
 
 
 def _difference(key: str, found: object, wanted: object) -> str:
-    """Return a folder's value of a differing key, in words; a whole plan of sutures would fill a page."""
+    """Return a description of a folder's value of a differing key, short enough for an error message."""
     if isinstance(found, dict) and isinstance(wanted, dict):
         other = [_difference(k, found.get(k), value) for k, value in wanted.items() if found.get(k) != value]
         return ", ".join(other) or f"other {key}"

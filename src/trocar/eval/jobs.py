@@ -1,4 +1,4 @@
-"""Trials as units of work that any process can do: each saves its trial, and skips one that already exists."""
+"""Trials as units of work for any process: each unit saves its trial, or skips it if it already exists."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from trocar.sim.world import PhysicsError
 
 @dataclass(frozen=True)
 class SessionOrder:
-    """One session, by its number, of one or more runs and their folders, whose cables are to be calibrated.
+    """One session, by its number, of one or more runs (each with its folder), whose cables are to be calibrated.
 
     Runs that need the same model of an arm find it in the cache.
     """
@@ -53,7 +53,7 @@ class TrialOrder:
 
 
 def calibrate(order: SessionOrder) -> None:
-    """Fit the cable models of a session, each once, and store them in every run's folder."""
+    """Fit the cable models of a session, each once, and save them in every run's folder."""
     for config, folder in order.runs:
         _require_folder(folder)
         if config.chosen_method.calibrated:
@@ -67,13 +67,13 @@ def play(
     raise_errors: bool = False,
     attendant: Attendant | None = None,
 ) -> str:
-    """Run a trial and save it, unless it exists; return what is wrong with it in a sentence, empty if nothing is.
+    """Run a trial and save it, unless it exists; return a sentence if something is wrong with it, else nothing.
 
     Args:
-        order: which trial.
+        order: the trial.
         listener: called with each event of the scripts.
         raise_errors: whether an exception of the agent is raised; else it ends the trial, which keeps its traceback.
-        attendant: who is beside it.
+        attendant: attends the trial while it runs.
     """
     _require_folder(order.folder)
     if is_done(order.folder, (order.session, order.index), order.config.fingerprint):
@@ -85,14 +85,14 @@ def play(
         return f"{order.path} is void: {error}"
     set_aside(order.path)
     trial.save(order.path)
-    gc.collect()  # a world's parts refer to one another: a run of ten trials would hold 2 GB
+    gc.collect()  # a world's parts refer to one another, so that a run of ten trials would hold 2 GB
     if trial.ended == AGENT_ERROR:
         return f"session {order.session + 1}, trial {order.index + 1}: {trial.reason}; --raise stops there"
     return ""
 
 
 _LAST: dict[tuple[str, Path, int], Prepared] = {}
-"""The session that this process prepared last, since its trials are handed out one after the other."""
+"""The session that this process prepared last; the trials of one session come one after the other."""
 
 
 def _prepared(order: TrialOrder, listener: Callable[[str, int, int], None] | None = None) -> Prepared:
@@ -113,16 +113,16 @@ def play_run(
     raise_errors: bool = False,
     attendant: Attendant | None = None,
 ) -> Iterator[str]:
-    """Run trials of one run and yield a sentence for each with which something is wrong, as they end.
+    """Run trials of one run; as they end, yield a sentence for each trial with which something is wrong.
 
     Args:
-        config: of the run.
-        folder: of the run.
+        config: configuration of the run.
+        folder: folder of the run.
         todo: session and number of each trial.
-        jobs: how many trials are run at once; more than one: each in its own process.
+        jobs: number of trials that run at once; if more than one, each in its own process.
         tick: called with the progress.
-        raise_errors: as in :func:`play`.
-        attendant: who is beside the trials, which then run one at a time.
+        raise_errors: as in :func:`play`; only with one job.
+        attendant: attends the trials; only with one job.
     """
     folder = Path(folder).absolute()
     orders = [TrialOrder(config, folder, *place) for place in todo]
@@ -147,7 +147,7 @@ def _play_in_turn(
     raise_errors: bool,
     attendant: Attendant | None,
 ) -> Iterator[str]:
-    """Run trials in this process; a goal that ends, and a row of a calibration, are progress too."""
+    """Run trials in this process; also report ended goals and rows of a calibration as progress."""
     _LAST.clear()
     goals, noun, done, where = len(config.task.goals()), config.task.goal_noun, 0, ""
 
@@ -176,7 +176,7 @@ def _play_in_turn(
 
 
 def _require_folder(folder: Path) -> None:
-    """Raise unless a worker, which may be on another machine, sees the run's folder."""
+    """Raise BadFile unless this worker, which may be on another machine, sees the run's folder."""
     if not (folder / RECORD).is_file():
         remedy = "give --out a folder on a file system that all workers see, under the same path"
         raise BadFile(folder / RECORD, "is not found by a worker", remedy)
@@ -185,7 +185,7 @@ def _require_folder(folder: Path) -> None:
 def opened(conditions: Sequence[Condition]) -> tuple[list[SessionOrder], list[TrialOrder]]:
     """Make or resume the folders of all conditions; return the sessions to calibrate and the trials to run, in order.
 
-    Trials come session by session, so that an interrupted study has whole sessions of all conditions.
+    Trials are in the order of sessions, so that an interrupted study has whole sessions of all conditions.
     """
     runs = {one.folder: (one.config, one.folder) for one in conditions}
     todo = [TrialOrder(*run, *place) for run in runs.values() for place in open_folder(*run)]
@@ -197,7 +197,7 @@ def opened(conditions: Sequence[Condition]) -> tuple[list[SessionOrder], list[Tr
 
 
 def run_study(conditions: Sequence[Condition], kind: RowKind[Any], workers: Workers, tick: Tick) -> list[str]:
-    """Run the missing trials of a study, and make their rows; return a sentence for each trial that is void."""
+    """Run the missing trials of a study and make their rows; return a sentence for each trial with a problem."""
     sessions, todo = opened(conditions)
     wanted = sum(len(one.places) for one in conditions)
     calibrated = [order for order in sessions if any(config.chosen_method.calibrated for config, _ in order.runs)]
@@ -213,7 +213,7 @@ def run_study(conditions: Sequence[Condition], kind: RowKind[Any], workers: Work
 
 
 def _play_and_reduce(kind: RowKind[Any], order: TrialOrder) -> str:
-    """Run a trial, unless it exists, and store its row; return why it is void, empty if it is valid."""
+    """Run a trial, unless it exists, and save its row; return a sentence if something is wrong, else nothing."""
     void = play(order)
     if not void:
         try:
@@ -236,9 +236,9 @@ def run(
     Args:
         task: name of the task.
         out: folder for the files; None: ``out/TASK-METHOD-SEED-DIGEST``.
-        jobs: how many trials are run at once, each in its own process.
-        settings: those of the method that differ from their defaults, by name.
-        options: of the task, and of the run (:class:`trocar.eval.config.RunConfig`).
+        jobs: number of trials that run at once; if more than one, each in its own process.
+        settings: settings of the method that differ from their defaults, by name.
+        options: options of the task and of the run (:class:`trocar.eval.config.RunConfig`).
 
     Raises:
         UnknownName: there is no such task or option.

@@ -1,4 +1,4 @@
-"""How a task is done: an agent, and what it is given."""
+"""Methods, which say how a task is done: an agent, its settings, and what it is given."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from trocar.motion.plan import Planner
 from trocar.registry import Lazy, Registry, loaded
 
 CLIENT = "client"
-"""What trials have as their method that another program played, of which nothing else is known."""
+"""Method of trials that an outside program played."""
 
 
 class Agent(Protocol):
     """A script that tries to reach a task's goals."""
 
     async def run(self) -> None:
-        """Do it; return when there is nothing left to do."""
+        """Do the task; return when there is nothing left to do."""
         ...
 
 
@@ -37,12 +37,12 @@ class AgentContext:
         cell: devices, and what registration found.
         goals: what is to be done, in order.
         nominal: what is known about the scene beforehand, such as shapes; defined by the task.
-        arms: names of those that work.
-        planner: of its motions.
+        arms: names of the arms that work.
+        planner: plans the agent's motions.
         perception: turns images into poses; None if the task has none.
-        rng: its own stream of randomness.
-        settings: of its method.
-        objects: makes what a policy sees of the task's objects; None: it sees nothing of them.
+        rng: the agent's own random generator.
+        settings: settings of the method.
+        objects: makes the ``Objects`` from which a policy sees the task's objects; None if the task has none.
     """
 
     cell: Cell
@@ -66,19 +66,20 @@ class Method:
     """One way to do a task.
 
     Attributes:
-        about: one line.
-        agent: class of its agent, or any function of an :class:`AgentContext`; lazy where importing it is expensive.
-        settings: class of its settings, a dataclass whose fields have defaults. Lazy likewise.
-        calibrated: whether the arms' cables are compensated by a model that is fitted before the trials of a session.
-        attended: whether a person at a console does it.
-        learns: whether the arms' cables are compensated by models that start from a prior alone, and the agent lets its
-            robot (``trocar.robots.Adaptive``) learn; then it is not ``calibrated``.
-        wrap_robot: the robot's extra wrapper for its agent: a function of the cell and the method's settings that
-            returns a robot; None: no wrapper. A guard uses its estimates if it is a ``JointEstimator``.
-        stop_at_limits: whether a motion is refused whose compensation would leave a joint's range; else what cannot
-            be corrected stays uncorrected.
-        planner: name in ``PLANNERS``, if none is asked for.
-        perception: name among the task's, if none is asked for; empty where it has none.
+        about: description in one line.
+        agent: class of its agent, or a function of an :class:`AgentContext` that returns one; ``Lazy`` if its import is
+            expensive.
+        settings: class of its settings, a dataclass whose fields have defaults, or a ``Lazy`` one.
+        calibrated: whether the arms' cables are compensated by models fitted before the trials of a session.
+        attended: whether a person at a console does the task.
+        learns: whether the arms' cables are compensated by models that start from a prior alone, which the robot
+            (``trocar.robots.Adaptive``) improves as it learns; excludes ``calibrated``.
+        wrap_robot: function of the cell and the method's settings that returns the robot in an extra wrapper; None: no
+            wrapper. A guard uses the wrapper's estimates if it is a ``JointEstimator``.
+        stop_at_limits: whether to refuse a motion whose compensation would leave a joint's range; else the compensation
+            is cut off at the range.
+        planner: default planner, a name in ``PLANNERS``.
+        perception: default perception, a name among the task's; empty if it has none.
     """
 
     about: str
@@ -101,7 +102,7 @@ class Method:
             raise InvalidInput(f"method {self.about!r}", "is both calibrated and learns", "choose one of them")
 
     def make_agent(self, context: AgentContext) -> Agent:
-        """Return an agent with its context."""
+        """Return a new agent with this context."""
         return loaded(self.agent)(context)
 
     def wrapped(self, cell: Cell, settings: Any) -> Robot:
@@ -112,11 +113,11 @@ class Method:
         """Return the settings.
 
         Args:
-            changes: ``NAME=VALUE`` for those that differ from their defaults; a name inside another one has a dot.
+            changes: ``NAME=VALUE`` for each setting that differs from its default; nested names have dots.
 
         Raises:
             UnknownName: there is no such setting.
-            InvalidInput: it cannot have this value.
+            InvalidInput: a setting cannot have this value.
         """
         settings = loaded(self.settings)()
         for change in changes:
@@ -128,7 +129,7 @@ class Method:
 
 
 def listed_settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield name and value of each setting; those inside another one have a dot in their name."""
+    """Yield name and value of each setting; nested names have dots."""
     for one in fields(settings) if _has_fields(settings) else ():
         value = getattr(settings, one.name)
         if _has_fields(value):
@@ -151,7 +152,7 @@ def _changed(settings: Any, name: str, path: Sequence[str], text: str) -> Any:
 
 
 def _parsed(item: str, text: str, usual: Any) -> Any:
-    """Return a value in the type of its default; ``item`` is its name in error messages."""
+    """Return a text as a value of its default's type; ``item`` is its name in error messages."""
     if isinstance(usual, bool):
         if text not in ("true", "false"):
             raise InvalidValue(item, repr(text), "give true or false")
@@ -180,12 +181,12 @@ def make_task(kind: type[Task], changes: Sequence[str] = ()) -> Task:
     """Return a task with some of its options changed.
 
     Args:
-        kind: the task.
+        kind: class of the task.
         changes: ``NAME=VALUE`` for each option that differs from its default.
 
     Raises:
         UnknownName: there is no such option.
-        InvalidInput: it cannot have this value.
+        InvalidInput: an option cannot have this value.
     """
     usual = {one.name: one.default for one in fields(kind)}  # type: ignore[arg-type]
     values: dict[str, Any] = {}
@@ -221,31 +222,31 @@ METHODS: Registry[Method] = Registry(
     },
     check=_require_method,
 )
-"""Methods from outside, as ``TASK/METHOD``; a task has its own besides. Those of ``*`` do any task."""
+"""Methods from outside a task, as ``TASK/METHOD``, in addition to the task's own. Those of ``*`` do any task."""
 
 PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions", check=_require_callable)
-"""Perceptions from outside, as ``TASK/NAME``; a task has its own besides."""
+"""Perceptions from outside a task, as ``TASK/NAME``, in addition to the task's own."""
 
 
 def methods_of(task: type[Task]) -> tuple[str, ...]:
     """Return the names of all methods of a task: its own, then those from outside.
 
     Raises:
-        InvalidInput: one from outside has the name of one of its own.
+        InvalidInput: one from outside has the name of one of the task's own.
     """
     return _names(task.methods, METHODS, task.name)
 
 
 def methods_of_any() -> tuple[str, ...]:
-    """Return the names of the methods that do any task, once they are told how."""
+    """Return the names of the methods that do any task: policies and persons."""
     return tuple(name.removeprefix("*/") for name in METHODS if name.startswith("*/"))
 
 
 def pick_method(task: type[Task], name: str) -> Method:
-    """Return the method of this name; empty: the task's first.
+    """Return the method of this name, or the task's first if the name is empty.
 
     Raises:
-        UnknownName: the task has none of that name.
+        UnknownName: the task has no method of this name.
     """
     if name in methods_of_any() and name not in task.methods:
         return METHODS[f"*/{name}"]
@@ -260,16 +261,16 @@ def perceptions_of(task: type[Task]) -> tuple[str, ...]:
 
 
 def pick_perception(task: type[Task], name: str) -> Any:
-    """Return a new instance of this task's perception.
+    """Return a new instance of a task's perception.
 
     Raises:
-        UnknownName: the task has none of that name.
+        UnknownName: the task has no perception of this name.
     """
     return _pick(task.perceptions, PERCEPTIONS, name, task.name)()
 
 
 def objects_of(task: Task, cell: Cell) -> Callable[[], Objects] | None:
-    """Return what makes, with a new perception, what policies see of a task's objects; None: they see nothing."""
+    """Return a function that makes a task's ``Objects`` for policies, with a new perception; None if it has none."""
     kind = type(task)
     if kind.objects is None:
         return None
@@ -283,7 +284,7 @@ def objects_of(task: Task, cell: Cell) -> Callable[[], Objects] | None:
 
 
 def _names(own: Mapping[str, Any], registry: Registry[Any], task: str) -> tuple[str, ...]:
-    """Return the names of a task's own things of a kind, and of those from outside, which must be others."""
+    """Return the names of a task's own methods or perceptions, then those from outside, which must differ."""
     outside = [name.removeprefix(f"{task}/") for name in registry if name.startswith(f"{task}/")]
     for name in outside:
         if name in own:

@@ -1,4 +1,4 @@
-"""What policies see of a task's objects: numbers that perception finds beside whatever the arms do."""
+"""What policies see of a task's objects: numbers that perception finds while the arms work."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from trocar.perception.image import Image, whole_window
 
 
 class Objects(Protocol):
-    """What perception finds of a task's objects while arms work, as numbers for a policy.
+    """A task's objects as perception finds them while arms work, as numbers for a policy.
 
-    It is made for each trial from cell, goals, what is known beforehand (``Task.nominal``), and a perception.
+    One is made for each trial from the cell, the goals, what is known beforehand (``Task.nominal``), and a perception.
 
     Attributes:
-        names: of the numbers.
+        names: names of the numbers.
     """
 
     names: Sequence[str]
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """Return the numbers as now known, each from -1 to 1: m in the world, sines, cosines, yes (1) or no (0)."""
+        """Return the latest numbers, each from -1 to 1: m in the world, sines, cosines, yes (1) or no (0)."""
         ...
 
     async def watch(self) -> None:
-        """Look again and again, for ever."""
+        """Look again and again, until cancelled."""
         ...
 
 
 class WatchedObjects(ABC):
-    """Objects at which one camera looks again and again; a task says what an image shows, and what follows from it.
+    """Objects at which one camera looks again and again; a task implements :meth:`find` and :meth:`take`.
 
     Class attributes:
-        every_s: from one look to the next, on the cell's clock.
-        budget_s: time declared for finding what one image shows.
+        every_s: time from one look to the next, on the cell's clock.
+        budget_s: time declared for :meth:`find`.
     """
 
     every_s: ClassVar[float] = 1.0
@@ -52,14 +52,14 @@ class WatchedObjects(ABC):
 
     @abstractmethod
     def find(self, image: Image) -> Any:
-        """Return what a whole image shows; nothing changes."""
+        """Return what a whole image shows, without changing this object."""
 
     @abstractmethod
     def take(self, found: Any) -> None:
-        """Let what an image showed be known from now on."""
+        """Update the numbers with what :meth:`find` returned."""
 
     async def watch(self) -> None:
-        """Look again and again, for ever."""
+        """Look again and again, until cancelled."""
         clock, whole = self.cell.clock, whole_window(self._camera.model)
         while True:
             began_s = clock.now_s()

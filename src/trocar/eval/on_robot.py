@@ -1,4 +1,4 @@
-"""Runs trials of a task on real arms: no session is drawn, and nobody but the script says what became of its goals."""
+"""Run trials of a task on real arms, without a drawn session and without a referee."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from trocar.sim.laboratory import Listener
 from trocar.sim.pace import Script
 
 STOPPED = "STOPPED"
-"""How a trial ended that a person stopped."""
+"""Outcome of a trial that a person stopped."""
 ASKED_S = 0.1
-"""So often it is asked whether a script waits for a person."""
+"""Interval at which to check whether a script waits for a person."""
 SESSION = 0
 """Number of the only session of a robot's run."""
 
@@ -37,20 +37,20 @@ def run_on_robot(
 ) -> Trial:
     """Connect the arms, run one trial, leave the arms holding; return the trial, whatever ended it.
 
-    What nobody knows is not in it: no true joints, no bodies, no collisions. Its scores are what the script itself
-    noted (``Task.told``), and it says so (``Trial.on_robot``).
+    The trial has no true joints, bodies or collisions, which nobody knows. Its scores are what the script itself noted
+    (``Task.told``), and ``Trial.on_robot`` says so.
 
     Args:
-        config: of the run, with ``robot``.
-        index: of the trial.
+        config: configuration of the run, with ``robot``.
+        index: number of the trial.
         listener: called with each event of the scripts.
-        attendant: who is beside it.
+        attendant: attends the trial while it runs.
 
     Raises:
         TrocarError: an arm or a camera cannot be connected; nothing has moved then.
     """
     began = time.perf_counter()
-    config.task.told([])  # a task that needs a referee says so before anything moves
+    config.task.told([])  # a task that needs a referee raises before anything moves
     models, priors = models_of(config)
     kind, _ = robot_of(config.robot)
     with kind.connect(config.laboratory, heard_by(listener, attendant)) as laboratory:
@@ -67,14 +67,14 @@ def run_on_robot(
             told = {name: value for name, value in more.items() if value}
             laboratory.log.event("stopped", outcome=end.outcome, reason=end.reason, **told)
         duration_s = laboratory.cell.clock.now_s()
-    # once its loop is closed: until then an arm may have a last tick to go
+    # only after the loop is closed, because until then an arm may have a last tick to go
     return _trial(config, index, laboratory, end, duration_s, plain(context.settings), time.perf_counter() - began)
 
 
 def _run_until_refused(
     laboratory: HardwareLaboratory, attendant: Attendant | None, script: Script, budget_s: float
 ) -> bool:
-    """Run a script until an arm refuses to move because something is wrong: from then on it could only fail."""
+    """Run a script until it ends, its budget is spent, or an arm refuses to move; return whether it ended in time."""
 
     async def attended(cell: Cell) -> None:
         budget.deadline = trio.current_time() + budget_s
@@ -92,13 +92,13 @@ def _run_until_refused(
         laboratory.run(attended, math.inf)
     except Exception as other:
         error = other
-    if (why := laboratory.robot.refused or error) is not None:  # whatever else the script made of it
+    if (why := laboratory.robot.refused or error) is not None:  # a refusal comes before the script's own errors
         raise why
     return not budget.cancelled_caught
 
 
 async def _lengthen(budget: trio.CancelScope, attendant: Attendant) -> None:
-    """Let the time that a script waits for a person's yes not count, as it does not in the simulator."""
+    """Exclude the time that a script waits for a person's answer from its budget, as in the simulator."""
     while True:
         await trio.sleep(ASKED_S)
         if attendant.asks:
@@ -106,10 +106,10 @@ async def _lengthen(budget: trio.CancelScope, attendant: Attendant) -> None:
 
 
 def models_of(config: RunConfig) -> tuple[dict[str, CableModel], dict[str, FleetPrior]]:
-    """Return the cable models of the arms that work, and the priors if the method learns.
+    """Return the cable models of the working arms, and their priors if the method learns.
 
     Raises:
-        BadFile: a file is no cable model.
+        BadFile: a file is not a cable model.
     """
     if config.chosen_method.learns:
         prior = load_prior(config.prior)

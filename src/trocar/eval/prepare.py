@@ -1,4 +1,4 @@
-"""Prepares a session for its trials: draws it, and calibrates its arms if the method needs it."""
+"""Prepare a session for its trials: draw it, and calibrate its arms if the method needs it."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from trocar.lab.session import Session, draw_session
 from trocar.sim.calibration_cells import record_motion
 
 IMAGES_ROWS, EVERY = 650, 2
-"""Number of images of an arm in a run, and of commands for each: together the paper's motion, in half of the images.
-Neighbouring rows show much the same, so that a model is as good as with an image of each, and better than with as many
-images of half the motion (`benchmarks/bench_fiducials.py`)."""
+"""Number of images of an arm in a run, and of commands per image: about the paper's motion, with half the images.
+Neighbouring rows show much the same. So a model is as good as with an image of each row, and better than with the same
+number of images of half the motion (`benchmarks/bench_fiducials.py`)."""
 
 REFIT_SAMPLES, REFIT_IMAGES = 30, 45
-"""Samples for a quick refit of the cables' offsets after instruments were remounted; more for images, because some show
-too few spheres."""
+"""Samples for a quick refit of the cables' offsets before the trials; more for images, because some show too few
+spheres."""
 
 
 NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "set", "new_session", "refit_offsets"}
@@ -42,7 +42,7 @@ CACHE = "TROCAR_CACHE"
 """Environment variable that names the folder of the cache."""
 
 Listener = Callable[[str, int, int], None]
-"""Called with the arm that is calibrated, the number of rows done and of all rows."""
+"""Called with the name of the arm that is calibrated, the number of rows done, and of all rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +50,10 @@ class Prepared:
     """A session that is ready for its trials.
 
     Attributes:
-        number: of the session in its run.
+        number: number of the session in its run.
         session: the session; simulator truth.
-        models: the cable model of each working arm, if the method compensates.
-        priors: those from which these models start, if the robot learns.
+        models: cable model of each working arm, if the method compensates.
+        priors: prior from which each model starts, if the robot learns.
     """
 
     number: int
@@ -65,14 +65,14 @@ class Prepared:
 def prepare(config: RunConfig, number: int, folder: str | Path, *, listener: Listener | None = None) -> Prepared:
     """Return one session of a run, calibrated if the method needs it.
 
-    A calibration depends on the session and a few settings alone, so it is kept in the cache, where other runs find it
-    (:func:`cache_folder`), and in the session's folder, where an interrupted run finds it. The model is always read
-    back from a file, so that a resumed run computes the same as an uninterrupted one.
+    A calibration depends only on the session and a few settings, so it is saved in the cache (:func:`cache_folder`) for
+    other runs, and in the session's folder for an interrupted run. The model is always read back from a file, so that a
+    resumed run computes the same as an uninterrupted one.
 
     Args:
-        config: of the run.
-        number: of the session.
-        folder: of the run.
+        config: configuration of the run.
+        number: number of the session.
+        folder: folder of the run.
         listener: called after each row of a calibration.
     """
     folder = Path(folder)
@@ -104,7 +104,7 @@ def _calibrated(
     key = calibration_key(config, number, arm)
     known = cache_folder() / f"{config.task.name}_{config.seed}_{number:02d}_{arm}_{key}.npz"
     model = None
-    with suppress(TrocarError):  # damaged: fitted again
+    with suppress(TrocarError):  # a damaged file is fitted again
         model = load_model(known, key) if known.is_file() else None
     if model is None:
         wide = config.prior != NO_PRIOR
@@ -117,7 +117,7 @@ def _calibrated(
             model = fit_from_prior(recording, _prior(config, arm))
         else:
             model = MODELS.pick(config.model).fit(recording, config.rng(*stream))
-        with suppress(OSError, TrocarError):  # where it cannot be kept, other runs fit it again
+        with suppress(OSError, TrocarError):  # without the cache, other runs fit the model again
             known.parent.mkdir(parents=True, exist_ok=True)
             save_model(model, known, key)
     save_model(model, path, config.fingerprint)
@@ -125,7 +125,7 @@ def _calibrated(
 
 
 def cache_folder() -> Path:
-    """Return the folder of fitted cable models: ``$TROCAR_CACHE``, or ``trocar`` in the user's folder of caches."""
+    """Return the folder of fitted cable models: ``$TROCAR_CACHE``, or ``trocar`` in the user's cache folder."""
     named = os.environ.get(CACHE)
     if named:
         return Path(named)
@@ -138,7 +138,7 @@ def cached_calibrations() -> list[Path]:
 
 
 def _prior(config: RunConfig, arm: str) -> FleetPrior:
-    """Return the prior for an arm's cables, which must not have seen the instrument that these were identified from."""
+    """Return the prior for an arm's cables, without recordings of the instrument from which they were identified."""
     return load_prior(config.prior).without(config.laboratory.arm(arm).transmission_name)
 
 
@@ -170,7 +170,7 @@ def cable_file(folder: str | Path, number: int, arm: str) -> Path:
 
 
 def calibration_key(config: RunConfig, session: int, arm: str) -> str:
-    """Return a digest of everything on which an arm's fitted model depends; runs with the same digest share it."""
+    """Return a digest of everything on which an arm's fitted model depends; runs with the same digest share a model."""
     about = {key: value for key, value in config.about().items() if key not in NO_MATTER}
     station = config.laboratory
     return fingerprint(
@@ -189,7 +189,7 @@ def calibration_key(config: RunConfig, session: int, arm: str) -> str:
 
 @cache
 def _source_digest() -> str:
-    """Return the digest of Trocar's own source: a changed program does not meet calibrations of an older one."""
+    """Return the digest of Trocar's own source, so that a changed program uses no calibrations of an older one."""
     digest = hashlib.sha256()
     for file in sorted(Path(trocar.__file__).parent.rglob("*.py")):
         digest.update(file.read_bytes())

@@ -1,4 +1,4 @@
-"""Runs trials of a task in a prepared session."""
+"""Run trials of a task in a prepared session."""
 
 from __future__ import annotations
 
@@ -30,27 +30,27 @@ from trocar.sim.pace import Pace, Script
 from trocar.sim.world import PhysicsError
 
 OBSERVED = Lazy("trocar.learn.observed:Observed")
-"""An agent beside which what a policy would observe is noted."""
+"""Wrapper of an agent that also records what a policy would observe."""
 
 
 class Attendant(Pace, Protocol):
-    """Who is beside a trial while it runs, and sets the pace of a simulator's clock: a person at a console."""
+    """Attends a trial while it runs, and sets the pace of a simulator's clock: a person at a console."""
 
     def attend(self, config: RunConfig, laboratory: SimLaboratory | HardwareLaboratory) -> None:
-        """Come to a laboratory whose robot nothing has wrapped yet."""
+        """Set up for a trial in this laboratory, whose robot nothing has wrapped yet."""
         ...
 
     async def serve(self, cell: Cell) -> None:
-        """Act beside the agent, until this is cancelled."""
+        """Act beside the agent, until cancelled."""
         ...
 
     def heard(self, event: Mapping[str, object]) -> None:
-        """Hear an event of the log."""
+        """Receive an event of the log."""
         ...
 
     @property
     def asks(self) -> bool:
-        """Return whether a script waits for an answer."""
+        """Return whether a script waits for the person's answer."""
         ...
 
 
@@ -66,12 +66,12 @@ def run_trial(
     """Run one trial of a session and return it.
 
     Args:
-        config: of the run.
+        config: configuration of the run.
         prepared: the session.
-        index: of the trial in its session.
+        index: number of the trial in its session.
         listener: called with each event of the scripts.
         raise_errors: whether an exception of the agent is raised; else it ends the trial, which keeps its traceback.
-        attendant: who is beside it.
+        attendant: attends the trial while it runs.
 
     Raises:
         PhysicsError: the simulation broke down; the trial is void.
@@ -93,7 +93,7 @@ def run_trial(
 
 
 def heard_by(listener: Listener | None, attendant: Attendant | None) -> Listener | None:
-    """Return what passes each event on to both."""
+    """Return a listener that passes each event on to both; None if there is neither."""
     if attendant is None or listener is None:
         return attendant.heard if attendant is not None else listener
 
@@ -105,7 +105,7 @@ def heard_by(listener: Listener | None, attendant: Attendant | None) -> Listener
 
 
 def _run_attended(laboratory: SimLaboratory, attendant: Attendant, script: Script, budget_s: float) -> bool:
-    """Run a script with somebody beside it; return whether it ended in time."""
+    """Run a script with an attendant beside it; return whether it ended in time."""
 
     async def both(cell: Cell) -> None:
         async with trio.open_nursery() as nursery:
@@ -123,7 +123,7 @@ def equipped(
     priors: Mapping[str, FleetPrior],
     rng: np.random.Generator,
 ) -> AgentContext:
-    """Wrap a laboratory's robot as the run's method needs it; return what the agent is given there."""
+    """Wrap a laboratory's robot as the run's method needs it; return the agent's context."""
     method, task = config.chosen_method, config.task
     compensate(config, laboratory, models, priors)
     settings = method.make_settings(config.settings)
@@ -148,7 +148,7 @@ def compensate(
     models: Mapping[str, CableModel],
     priors: Mapping[str, FleetPrior],
 ) -> None:
-    """Let a laboratory's robot compensate its cables if there are models of them; it learns if there are priors."""
+    """Wrap a laboratory's robot so that it compensates its cables, if there are models; with priors, it also learns."""
 
     def wrapped(cell: Cell) -> Compensated:
         given = cell.robot, cell.arms, models, cell.limits, cell.clock, cell.log
@@ -163,7 +163,7 @@ def compensate(
 def play_agent(
     run: Callable[[Script, float], bool], config: RunConfig, context: AgentContext, raise_errors: bool
 ) -> End:
-    """Make an agent and run it, as a laboratory's ``run`` does; return how it ended."""
+    """Make an agent and run it with ``run``, such as a laboratory's method; return how it ended."""
     budget_s = config.task.budget_s
     try:
         agent = config.chosen_method.make_agent(context)

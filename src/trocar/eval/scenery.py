@@ -1,4 +1,4 @@
-"""The scene of a trial's cell as plain values: enough to draw it again without simulator, task or arm model."""
+"""The visible scene of a trial as plain values, enough to draw it again without the simulator or the task."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Scenery:
         solids: everything visible.
         T_world_body: poses of the bodies that never move.
         arms: model of each arm by name.
-        T_world_base: where each arm truly stood; empty if nobody knows.
-        T_world_base_registered: where registration found it.
-        cameras: name to the names of its images' blobs and their times: ``[[time_s, blob], ...]``.
+        T_world_base: true poses of the bases; empty if unknown.
+        T_world_base_registered: poses of the bases that registration found.
+        cameras: times and blob names of each camera's images: ``[[time_s, blob], ...]`` by name.
         tick_s: time between two rows of a trial's arrays.
     """
 
@@ -45,7 +45,7 @@ class Scenery:
         return f"<Scenery of {len(self.solids)} solids, arms {', '.join(self.arms)}>"
 
     def values(self) -> dict[str, Any]:
-        """Return all of it as JSON values."""
+        """Return the scenery as JSON values."""
         return {
             "solids": [_solid_values(solid) for solid in self.solids],
             "T_world_body": _pose_values(self.T_world_body),
@@ -73,7 +73,7 @@ class Scenery:
         )
 
     def replay(self, trial: Trial) -> Replay:
-        """Return a trial with this scenery as a replay."""
+        """Return the replay of a trial with this scenery."""
         about = trial.about
         title = " ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key))
         title += " on a robot, as its encoders read" if trial.on_robot else ""
@@ -97,10 +97,10 @@ class Scenery:
         """Return a replay of arms and bodies alone.
 
         Args:
-            title: one line.
-            times_s: (n,) of the rows.
-            arrays: rows named as those of a trial; where the true joints are not known, the measured ones are drawn.
-            planned: the joints of which the planned paths are.
+            title: title in one line.
+            times_s: (n,) times of the rows.
+            arrays: arrays named as those of a trial; measured joints are drawn where the true ones are unknown.
+            planned: kind of joints of which the planned paths are drawn.
         """
         bodies: dict[str, SE3] = dict(self.T_world_body)
         tools: dict[str, ToolPath] = {}
@@ -137,7 +137,7 @@ class Scenery:
 
 
 def _goals(trial: Trial) -> tuple[Goal, ...]:
-    """Return the work of each arm on each goal; where nobody noted which arm worked, all that work did."""
+    """Return the work of each arm on each goal; if no arm was noted, of all working arms."""
 
     def failed(number: int) -> bool:
         score = trial.scores[number] if number < len(trial.scores) else {"attempted": False}
@@ -176,7 +176,7 @@ def arm_of(values: Mapping[str, Any]) -> ArmModel:
     """Return an arm's model from its ``dataclasses.asdict`` as JSON values.
 
     Raises:
-        InvalidInput: it is not one.
+        InvalidInput: the values do not describe an arm.
     """
     from pydantic import TypeAdapter, ValidationError  # slow to import
 

@@ -1,4 +1,4 @@
-"""What is to be seen of a laboratory at this moment, for pages that show it live."""
+"""A laboratory as it is at this moment, for pages that show it live."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from trocar.sim.record import fixed_poses, solids_of
 from trocar.sim.world import World
 
 STRONGEST_S = 0.1
-"""A contact is told so much later, with its largest force until then."""
+"""Delay after which a contact is reported, with its largest force until then."""
 
 
 class Seen(NamedTuple):
-    """A laboratory at one time.
+    """A laboratory at one time. Events, spans and contacts are reported once each.
 
     Attributes:
-        time_s: of its clock.
-        arrays: one row each, named as those of a trial.
-        events: of its log, each told once.
-        spans: of its log (arm, name, start_s, end_s), each told once.
-        begun: those that have not ended: arm, name, start_s.
-        contacts: each told once; simulator truth.
+        time_s: time on the cell's clock.
+        arrays: arrays of one row each, named as those of a trial.
+        events: new events of the log.
+        spans: new ended spans of the log: arm, name, start_s, end_s.
+        begun: spans that have not ended: arm, name, start_s.
+        contacts: new contacts; simulator truth.
     """
 
     time_s: float
@@ -47,7 +47,7 @@ class Seen(NamedTuple):
 
 
 class Sight(ABC):
-    """Sees a laboratory.
+    """A live view of a laboratory.
 
     Attributes:
         scenery: what does not change, without images.
@@ -64,7 +64,7 @@ class Sight(ABC):
         """Return the laboratory as it is now, with the events and contacts since the last call."""
 
     def images(self) -> Mapping[str, Sighting]:
-        """Return the last image of each camera that is new, or in which something was found, since the last call."""
+        """Return each camera's last image if, since the last call, it is new or something was found in it."""
         found: dict[str, Sighting] = {}
         for name, camera in self._cameras.items():
             sighting = self._log.sightings.get(name)
@@ -88,7 +88,7 @@ class Sight(ABC):
 
 
 class SimSight(Sight):
-    """Sees a simulated laboratory; simulator truth."""
+    """A live view of a simulated laboratory; simulator truth."""
 
     def __init__(self, laboratory: SimLaboratory):
         super().__init__(laboratory, scenery_of(laboratory))
@@ -105,7 +105,7 @@ class SimSight(Sight):
 
 
 class RobotSight(Sight):
-    """Sees real arms, as their encoders read; nobody knows more."""
+    """A live view of real arms, according to their encoders."""
 
     def __init__(self, laboratory: HardwareLaboratory):
         super().__init__(laboratory, robot_scenery(laboratory.station))
@@ -122,16 +122,16 @@ class RobotSight(Sight):
 
 
 def sight_of(laboratory: SimLaboratory | HardwareLaboratory) -> Sight:
-    """Return what sees a laboratory."""
+    """Return a live view of a laboratory."""
     return SimSight(laboratory) if isinstance(laboratory, SimLaboratory) else RobotSight(laboratory)
 
 
 def robot_scenery(station: Station) -> Scenery:
-    """Return what is known of real arms beforehand: their shapes, and their bases as registered."""
+    """Return the scenery of real arms: their solids, and their bases as registered."""
     bases = {name: registered(arm) for name, arm in station.arms.items()}
     world = World(station.models, bases)
     for name, arm in station.arms.items():
-        world.place_arm(name, arm.park_q(), arm.model.jaw.lower)  # which computes the poses of all bodies
+        world.place_arm(name, arm.park_q(), arm.model.jaw.lower)  # also computes the poses of all bodies
     return Scenery(
         solids=solids_of(world),
         T_world_body=fixed_poses(world),

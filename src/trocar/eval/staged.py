@@ -1,4 +1,4 @@
-"""One trial of a session: its laboratory before anybody plays it, and its file afterwards."""
+"""One trial of a session: the laboratory in which it is played, and the trial that is made of it afterwards."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from trocar.sim.laboratory import Listener, SimLaboratory
 from trocar.sim.record import fixed_poses, solids_of
 
 DONE, FAULT, OUT_OF_TIME, AGENT_ERROR = "done", "FAULT", "OUT_OF_TIME", "AGENT_ERROR"
-"""How a trial's script ended: by itself, by a refusal or a device, by its budget, or by an exception of its own."""
+"""How a trial's script ended: by itself, by a refusal or a failed device, by its budget, or by its own exception."""
 
 QUALITY = 70
-"""WebP quality of the images that are kept, out of 100."""
+"""WebP quality of saved images, out of 100."""
 EFFORT = 1
 """WebP effort, out of 6; the default, 4, takes three times as long for a file that is a sixth smaller."""
 THINNED = 4
-"""Depth is stored for one in this many rows and columns, in whole millimetres."""
+"""Depth is saved for every so-many-th row and column, in whole millimetres."""
 PACKED = 3
 """PNG compression, out of 9; level 9 takes seven times as long for a file that is one percent smaller."""
 
 Files = tuple[dict[str, bytes], dict[str, list[tuple[float, str]]]]
-"""Images as files by name, and for each camera the times and names of its images."""
+"""Images as files by name; and the times and names of the images of each camera."""
 
 
 @runtime_checkable
@@ -55,7 +55,7 @@ class Photographer(Protocol):
 
 @dataclass(frozen=True)
 class End:
-    """How a script ended, why in a sentence, where in the code if it raised an exception, and the class of this."""
+    """How a script ended and why (a sentence); for an exception also its traceback, for a fault its class."""
 
     outcome: str = DONE
     reason: str = ""
@@ -64,7 +64,7 @@ class End:
 
 
 def scenery_of(laboratory: SimLaboratory) -> Scenery:
-    """Return what is to be seen of a laboratory, without images; simulator truth."""
+    """Return the scenery of a simulated laboratory, without images; simulator truth."""
     world, session = laboratory.world, laboratory.session
     return Scenery(
         solids=solids_of(world),
@@ -78,17 +78,17 @@ def scenery_of(laboratory: SimLaboratory) -> Scenery:
 
 
 class StagedTrial:
-    """A trial's laboratory, drawn from the seeds of its run, for whoever plays it.
+    """The laboratory of one trial, drawn from the seeds of its run, in which an agent or another program plays it.
 
     Args:
-        config: of the run.
+        config: configuration of the run.
         prepared: the session.
-        index: of the trial in its session.
+        index: number of the trial in its session.
         listener: called with each event of the log.
 
     Attributes:
-        laboratory: with the task's objects in it.
-        agent_rng: the agent's own stream of randomness.
+        laboratory: the laboratory with the task's objects in it.
+        agent_rng: the agent's own random generator.
     """
 
     def __init__(self, config: RunConfig, prepared: Prepared, index: int, listener: Listener | None = None):
@@ -108,13 +108,13 @@ class StagedTrial:
         self._scenery = scenery_of(self.laboratory)
 
     def finished(self, end: End, wall_s: float, settings: Any, images: Files | None = None) -> Trial:
-        """Return the trial as it was played, scored by the task from what really happened.
+        """Return the trial as it was played, scored by the task from the truth.
 
         Args:
             end: how it ended.
             wall_s: how long it took on this machine.
-            settings: of the method.
-            images: of the cameras; None: those that the laboratory's own cameras took.
+            settings: settings of the method.
+            images: images of the cameras; None: those that the laboratory's own cameras took.
 
         Raises:
             InvalidInput: the task does not score each of its goals.
@@ -200,7 +200,7 @@ def image_files(stem: str, image: Taken) -> dict[str, bytes]:
 
 
 def _webp(color: NDArray[np.uint8]) -> bytes:
-    """Return a picture (h, w, 3) as a file; OpenCV would not let us choose the effort."""
+    """Return a picture (h, w, 3) as a WebP file, by Pillow because OpenCV has no option for the effort."""
     file = BytesIO()
     Image.fromarray(color).save(file, "webp", quality=QUALITY, method=EFFORT)
     return file.getvalue()

@@ -1,4 +1,4 @@
-"""Values by session, and rates with their intervals."""
+"""Values grouped by session, and success rates with their intervals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GRID = 400
 
 
 class InSession(Protocol):
-    """Something of one session, such as a trial."""
+    """A value that belongs to one session, such as a trial."""
 
     @property
     def session(self) -> int:
@@ -31,7 +31,7 @@ Value = TypeVar("Value")
 
 
 def by_session(things: Sequence[Thing], value: Callable[[Thing], Value]) -> dict[int, list[Value]]:
-    """Return one value for each thing, by session."""
+    """Return the value of each thing, grouped by session."""
     found: dict[int, list[Value]] = {}
     for thing in things:
         found.setdefault(thing.session, []).append(value(thing))
@@ -41,7 +41,7 @@ def by_session(things: Sequence[Thing], value: Callable[[Thing], Value]) -> dict
 def wilson_interval(succeeded: int, attempted: int) -> tuple[float, float]:
     """Return the 95 % interval of a success rate of independent attempts (Wilson 1927); (0, 1) without attempts.
 
-    Unlike the textbook's normal interval it stays inside [0, 1] and is valid at 120 of 120.
+    Unlike the normal approximation it stays inside [0, 1] and is valid at 120 of 120.
     """
     if not 0 <= succeeded <= attempted:
         raise _impossible(succeeded, attempted)
@@ -59,15 +59,18 @@ def wilson_interval(succeeded: int, attempted: int) -> tuple[float, float]:
 def session_interval(succeeded: Sequence[int], attempted: Sequence[int]) -> tuple[float, float]:
     """Return the 95 % interval of a success rate over sessions that differ; (0, 1) without attempts.
 
-    Attempts of one session share its cables and its registration, so they are not independent evidence. The rate of a
-    session is modelled as drawn from a beta distribution whose mean is to be estimated (beta-binomial model). The mean
-    has Jeffreys' prior Beta(1/2, 1/2), the correlation within sessions (ICC) the prior Beta(1, 2), and the interval is
-    the central one of the mean's posterior. It is valid if all attempts succeeded, counts sessions rather than
-    attempts, and is wide for a single session. Its coverage is tested in ``tests/eval/test_statistics.py``.
+    Attempts of one session share its cables and its registration, so they are not independent evidence. The rates of
+    sessions are modelled as drawn from a beta distribution whose mean is estimated (beta-binomial model). The mean has
+    Jeffreys' prior Beta(1/2, 1/2), the correlation within sessions (ICC) the prior Beta(1, 2), and the interval is the
+    central one of the mean's posterior. It is valid if all attempts succeeded, counts sessions rather than attempts,
+    and is wide for a single session. Its coverage is tested in ``tests/eval/test_statistics.py``.
 
     Args:
-        succeeded: in each session.
-        attempted: likewise.
+        succeeded: number of successes in each session.
+        attempted: number of attempts in each session.
+
+    Raises:
+        InvalidInput: a session has more successes than attempts, or fewer than 0.
     """
     y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
     if y.shape != n.shape or (y < 0).any() or (y > n).any():
@@ -88,7 +91,7 @@ def _impossible(succeeded: object, attempted: object) -> InvalidInput:
 def session_posterior(
     succeeded: Sequence[int], attempted: Sequence[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the posterior of the mean rate over sessions that :func:`session_interval` uses: rates and weights."""
+    """Return the posterior of the mean rate over sessions, for :func:`session_interval`: rates and their weights."""
     y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
     y, n = y[n > 0], n[n > 0]
     mean = (np.arange(GRID) + 0.5) / GRID

@@ -24,9 +24,9 @@ class Condition:
     """One condition of a study, an ordinary run.
 
     Attributes:
-        name: what distinguishes it from the others, besides its method: the task's variant, for example.
-        config: of its run.
-        folder: of its run, for ``trocar report`` and ``trocar view``.
+        name: what distinguishes it from the others besides its method, such as the task's variant.
+        config: configuration of its run.
+        folder: folder of its run, for ``trocar report`` and ``trocar view``.
     """
 
     name: str
@@ -49,7 +49,7 @@ def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
 
     Raises:
         UnknownName: a word is not among the choices.
-        InvalidInput: one is given twice, or is missing between two commas.
+        InvalidInput: a word is given twice, or is missing between two commas.
     """
     words = [word.strip() for word in text.split(",")] if text else list(choices)
     for word in words:
@@ -63,7 +63,7 @@ def chosen(text: str, choices: Sequence[str], flag: str) -> list[str]:
 
 
 class Row(InSession, Protocol):
-    """What a study needs from a trial: a dataclass whose fields are JSON's values."""
+    """What a study needs from a trial: a dataclass whose fields are JSON values."""
 
     @property
     def fingerprint(self) -> str:
@@ -76,12 +76,12 @@ AnyRow = TypeVar("AnyRow", bound=Row)
 
 @dataclass(frozen=True)
 class RowKind(Generic[AnyRow]):
-    """How a trial is reduced to a row, which is stored beside it.
+    """How a trial is reduced to a row, which is saved beside it.
 
     Attributes:
         row: class of the row.
-        made: makes the row of a trial.
-        version: of the row's fields and of how they are made; a change causes stored rows to be made again.
+        made: function that makes the row of a trial.
+        version: version of the row's fields and of ``made``; rows of another version are made again.
     """
 
     row: Callable[..., AnyRow]
@@ -89,7 +89,7 @@ class RowKind(Generic[AnyRow]):
     version: int = 1
 
     def read(self, trial: str | Path, fingerprint: str) -> AnyRow:
-        """Return the row of a trial's file, whose run has this fingerprint; make and store it if there is no valid one.
+        """Return the row of a trial's file, whose run has this fingerprint; make and save it if there is no valid one.
 
         Raises:
             BadFile: the trial cannot be read.
@@ -104,7 +104,7 @@ class RowKind(Generic[AnyRow]):
             pass
         row = self.made(Trial.load(trial))
         values: dict[str, Any] = {"version": self.version, **asdict(row)}  # type: ignore[call-overload]
-        path.unlink(missing_ok=True)  # the trial has the same information: nothing is lost if the row is invalid
+        path.unlink(missing_ok=True)  # nothing is lost, since the trial has the same information
         write_json(path, values, "row of a trial")
         return row
 
@@ -131,7 +131,7 @@ def read_study(
 ) -> tuple[list[Results[AnyRow]], list[str]]:
     """Return the results of all conditions that have a trial, and a sentence for each trial that is missing.
 
-    Only the trial that is being reduced is in memory.
+    At most one trial is in memory at a time.
 
     Raises:
         InvalidInput: there is no trial at all.
@@ -160,11 +160,11 @@ class TableData:
     """A table, for the terminal and for a page.
 
     Attributes:
-        title: above it.
-        head: of the columns.
-        rows: cells; the first of each is its name.
-        caption: below it.
-        page_only: columns that do not fit into a terminal.
+        title: title above the table.
+        head: names of the columns.
+        rows: cells of each row; the first cell is the row's name.
+        caption: text below the table.
+        page_only: names of columns that do not fit into a terminal.
     """
 
     title: str
@@ -175,13 +175,13 @@ class TableData:
 
 
 class TaskStudy(Generic[AnyRow]):
-    """What a task's study consists of: all methods at all values of one option, beside the paper's figures.
+    """A task's study: all methods at all values of one option, beside the paper's figures.
 
     Class attributes:
-        varied: the task's option that is varied besides the method.
-        values: of it.
-        kind: how a trial is reduced.
-        captions: of pictures, by file name.
+        varied: name of the task's option that is varied, besides the method.
+        values: values of this option.
+        kind: how a trial is reduced to a row.
+        captions: captions of the pictures, by file name.
         notes: sentences that a reader of the figures must know.
     """
 
@@ -200,7 +200,7 @@ class TaskStudy(Generic[AnyRow]):
         raise NotImplementedError
 
     def about(self, summary: Mapping[str, Any]) -> str:
-        """Return a line below the title of the page."""
+        """Return the line below the title of the page."""
         raise NotImplementedError
 
     def tables(self, summary: Mapping[str, Any]) -> list[TableData]:
@@ -221,7 +221,7 @@ def study_of(task: type[Task]) -> TaskStudy[Any]:
     """Return the study of a task.
 
     Raises:
-        InvalidInput: it has none.
+        InvalidInput: the task has none.
     """
     kind = loaded(task.study)
     if kind is None:
@@ -242,13 +242,13 @@ def conditions_of(
     """Return the conditions of a task's study in the order of its tables.
 
     Args:
-        task: that has a study.
-        folder: of the study; each condition has one in it.
-        values: of the varied option, comma-separated; empty: all.
-        methods: likewise.
-        model: of the methods that compensate; empty: the default.
-        options: of the task, besides the varied one.
-        run: the rest, as in ``RunConfig``.
+        task: class of a task that has a study.
+        folder: folder of the study; each condition has its own folder in it.
+        values: values of the varied option, comma-separated; empty: all.
+        methods: names of the methods, likewise.
+        model: cable model of the methods that compensate; empty: the default.
+        options: options of the task, besides the varied one.
+        run: the other options of ``RunConfig``.
     """
     study = study_of(task)
     picked = chosen(methods, list(methods_of(task)), "methods")

@@ -1,4 +1,4 @@
-"""The definition of a task: a scene, what counts as done, and the methods."""
+"""The definition of a task: its goals, its scene, its score and its methods."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ def option(
     choices: Sequence[str] = (),
     shown: str = "",
 ) -> Any:
-    """Return the dataclass field of an option of a task or a run, which the command line offers as described here.
+    """Return a dataclass field that is an option of a task or a run, also on the command line.
 
     Args:
-        default: if the option is not given; its type is the option's, and the field's annotation.
-        help: one line.
-        flag: on the command line, if not the field's name with dashes.
+        default: default value, of the type of the field's annotation.
+        help: help in one line.
+        flag: name on the command line, if not the field's name with dashes.
         metavar: placeholder for the value in the help.
-        choices: the values that it may have; none: any.
-        shown: the default in words, where its value does not tell.
+        choices: allowed values; empty: any.
+        shown: the default in words, for the help, where its value is not clear.
     """
     about = {"help": help, "flag": flag, "metavar": metavar, "choices": tuple(choices), "shown": shown}
     return field(default=default, metadata=about)
 
 
 def flag_of(field: Field[Any]) -> str:
-    """Return how a field of a task or a run is spelt on the command line: ``--new-session``."""
+    """Return the command-line flag of an option of a task or a run: ``--new-session``."""
     return f"--{(field.metadata.get('flag') or field.name).replace('_', '-')}"
 
 
@@ -55,12 +55,12 @@ class Score:
     """The outcome of one goal, as the referee saw it.
 
     Attributes:
-        attempted: counts in the denominator: whatever the task set out to do.
-        succeeded: it was done.
-        failure: name of what went wrong, empty after a success.
-        reason: a sentence, if there is one.
-        start_s: on the trial's clock.
-        end_s: likewise.
+        attempted: whether the goal counts in the denominator.
+        succeeded: whether the goal was reached.
+        failure: name of what went wrong; empty after a success.
+        reason: explanation in a sentence, or empty.
+        start_s: start on the trial's clock.
+        end_s: end on the trial's clock.
     """
 
     attempted: bool
@@ -80,16 +80,16 @@ class Task:
     """What is to be done, independent of how it is done. A task is a frozen dataclass whose fields are its options.
 
     Class attributes:
-        name: on the command line.
-        about: one line.
-        goal_noun: what one goal is called: ``transfer``, ``suture``. Scripts note the end of each as an event of that
-            name.
-        station: name of the station where it is done if none is given.
-        methods: how it can be done, by name, the default first.
-        perceptions: by name; whatever its agents expect of them.
-        objects: what policies see of its objects, a class of ``Objects``; None: nothing.
+        name: name on the command line.
+        about: description in one line.
+        goal_noun: what one goal is called, such as ``transfer`` or ``suture``; scripts note the end of each goal as an
+            event of this name.
+        station: name of its default station.
+        methods: its methods by name, the default first.
+        perceptions: its perceptions by name, with whatever interface its agents expect.
+        objects: class of ``Objects`` from which policies see its objects; None: they see nothing of them.
         report: its own pictures, tables and figures.
-        study: for ``trocar study``; None: it has none.
+        study: its study, for ``trocar study``; None: it has none.
     """
 
     name: ClassVar[str]
@@ -103,33 +103,33 @@ class Task:
     study: ClassVar[type[TaskStudy[Any]] | Lazy | None] = None
 
     budget_s: float
-    """A trial that takes longer on the cell's clock is stopped."""
+    """Longest duration of a trial on the cell's clock; then it is stopped."""
     variant: str = ""
-    """Which variant of the task this is, if there are several."""
+    """Name of this variant of the task, if there are several."""
 
     @property
     def usual_station(self) -> str:
-        """Return the name of the station where this variant is done if none is given."""
+        """Return the name of this variant's default station."""
         return type(self).station
 
     def options(self) -> dict[str, Any]:
-        """Return the options as JSON values: what distinguishes one run of this task from another."""
+        """Return the options as JSON values; they distinguish one run of this task from another."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
     def done_at(self, station: Station) -> Self:
-        """Return the task as it is done at a station, where that determines what is to be done; by default the same.
+        """Return the task adapted to a station, for tasks whose goals depend on it; by default unchanged.
 
         Raises:
-            InvalidInput: it cannot be done there.
+            InvalidInput: the task cannot be done there.
         """
         del station
         return self
 
     def at(self, station: Station) -> Station:
-        """Return the station as this task needs it.
+        """Return the station as this task needs it; by default unchanged.
 
         Raises:
-            InvalidInput: it cannot be done there.
+            InvalidInput: the task cannot be done there.
         """
         return station
 
@@ -138,11 +138,11 @@ class Task:
         return (next(iter(station.arms)),)
 
     def goals(self) -> Sequence[Any]:
-        """Return what is to be done, in order: the same for every agent, and the score's denominator."""
+        """Return the goals, in order; they are the same for every agent, and the score's denominator."""
         raise self._lacks("goals()")
 
     def nominal(self) -> Any:
-        """Return what is known about the scene beforehand, such as shapes; agents are given it."""
+        """Return what agents know about the scene beforehand, such as shapes."""
         return None
 
     def scene(self, rng: np.random.Generator, station: Station) -> Any:
@@ -154,16 +154,16 @@ class Task:
         raise self._lacks("world(scene)")
 
     def score(self, truth: Any, events: Sequence[Mapping[str, Any]]) -> Sequence[Score]:
-        """Return one score for each goal, in order, from what really happened.
+        """Return one score for each goal, in order, from the truth.
 
         Args:
-            truth: what the task's world made of the record.
-            events: what the script noted. They may explain a failure; they decide nothing.
+            truth: the task's truth, which its world makes from the record.
+            events: events that the script noted; they may explain a failure, but decide nothing.
         """
         raise self._lacks("score(truth, events)")
 
     def told(self, events: Sequence[Mapping[str, Any]]) -> Sequence[Score]:
-        """Return one score for each goal, in order, as the script itself noted them: where no referee sees the truth.
+        """Return one score for each goal, in order, as the script noted them; for robots, which have no referee.
 
         Raises:
             InvalidInput: this task needs a referee.
@@ -173,7 +173,7 @@ class Task:
         raise InvalidInput(f"task {self.name!r}", problem, "give its class a method told(events)")
 
     def calibration(self, station: Station, arm: str) -> MotionBox:
-        """Return where the motion of a calibration recording should go: as the station says, by default."""
+        """Return the range of the motion of a calibration recording; by default the station's."""
         return station.calibration_box(arm)
 
     def _lacks(self, method: str) -> InvalidInput:
@@ -182,11 +182,11 @@ class Task:
 
 
 def agent_explanation(noted: Mapping[str, Any] | None, events: Sequence[Mapping[str, Any]]) -> tuple[str, str] | None:
-    """Return what a script itself noted about a goal that was not reached, outcome and reason; None if nothing.
+    """Return outcome and reason that a script noted for a goal that it did not reach; None if it noted nothing.
 
     Args:
-        noted: the event with which it noted the goal's end, if it did. That it said ``DONE`` explains nothing.
-        events: all that it noted.
+        noted: the event with which the script noted the goal's end, if any; an outcome ``DONE`` explains nothing.
+        events: all events of the script.
     """
     if noted is None:
         given_up = stopped(events)
@@ -196,13 +196,13 @@ def agent_explanation(noted: Mapping[str, Any] | None, events: Sequence[Mapping[
 
 
 def check_budget(budget_s: float) -> None:
-    """Raise unless a trial's budget is a time."""
+    """Raise InvalidValue unless a trial's budget is finite and above 0."""
     if not 0 < budget_s < math.inf:
         raise InvalidValue("the budget of a trial", f"{budget_s} s", "give a finite time above 0 with --budget")
 
 
 def require_task(name: str, task: Any) -> None:
-    """Raise unless a class has what a run needs from a task before it begins.
+    """Check that a class has what a run needs from a task.
 
     Raises:
         InvalidInput: it is not a dataclass derived from ``Task``, or lacks an attribute or a method of its own.
@@ -222,7 +222,7 @@ def require_task(name: str, task: Any) -> None:
 
 
 def stopped(events: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
-    """Return outcome and reason with which a whole script was abandoned; empty if it was not."""
+    """Return outcome and reason with which a whole script was stopped; empty if it was not."""
     last = next((e for e in reversed(events) if e["name"] == "stopped"), None)
     return (str(last["outcome"]), str(last.get("reason", ""))) if last else ("", "")
 

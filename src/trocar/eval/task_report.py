@@ -1,4 +1,4 @@
-"""A task's own part of a report: pictures, tables, figures of the paper."""
+"""A task's own part of a report: pictures, tables, comparison with the paper."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class PaperRow:
     """One condition of a published table.
 
     Attributes:
-        who: the condition.
-        mean_time_s: of one piece; None where it was not published.
-        succeeded: pieces.
-        attempted: pieces.
-        methods: ours that correspond to this condition.
+        who: name of the condition.
+        mean_time_s: mean time of one goal; None where it was not published.
+        succeeded: number of successes.
+        attempted: number of attempts.
+        methods: names of our methods that correspond to this condition.
     """
 
     who: str
@@ -40,13 +40,13 @@ class PaperRow:
 
 @dataclass(frozen=True)
 class PaperCount:
-    """Our goals as a paper counts them, where it counts differently.
+    """Our results counted as in a paper, where it counts differently.
 
     Attributes:
-        how: it counts, in words.
-        succeeded: pieces.
-        attempted: pieces.
-        ci95: interval of the rate; it counts sessions.
+        how: how the paper counts, in words.
+        succeeded: number of successes.
+        attempted: number of attempts.
+        ci95: 95 % interval of the rate over sessions.
     """
 
     how: str
@@ -59,22 +59,22 @@ class TaskReport:
     """What a task adds to the report of its trials. The base class adds nothing; a task overrides what it needs."""
 
     view: Viewpoint | None = None
-    """Where pictures of a trial are taken from; None: from the front and above."""
+    """Viewpoint of a trial's pictures; None: from the front and above."""
 
     colours: Mapping[str, tuple[float, float, float]] = {}
-    """Colours in pictures for people, if a sensor sees them differently, as ``trocar.replay.painted`` takes them."""
+    """Colours in pictures for people, where a sensor sees others; an argument of ``trocar.replay.painted``."""
 
     parts: tuple[str, ...] = ("capture", "perception", "planning", "motion", "jaw", "settling")
-    """Spans that make up the time of a piece, in the order of the tables; the rest is ``other``."""
+    """Names of spans that make up the time of a goal, in the order of the tables; the rest is ``other``."""
 
     outcomes: type[Outcome] | None = None
     """The task's outcomes, whose sentences explain its failures on the page; None: only their names are shown."""
 
     captions: Mapping[str, str] = {}
-    """A sentence for each of the task's own pictures, by the beginning of its file's name."""
+    """Captions of the task's own pictures, by the beginning of the file's name."""
 
     def frame(self, trial: Trial) -> NDArray[np.float64] | None:
-        """Return points (n, 3) in the world that are to fill a picture's frame; None: the paths of the tips."""
+        """Return points (n, 3) in the world that fill a picture's frame; None: the paths of the tips."""
         del trial
         return None
 
@@ -89,7 +89,7 @@ class TaskReport:
         return {}
 
     def failed_s(self, trial: Trial, score: Mapping[str, Any]) -> float:
-        """Return the time of the picture that shows how a goal failed: its end, by default."""
+        """Return the time of the picture that shows how a goal failed; by default its end."""
         del trial
         return float(score["end_s"])
 
@@ -115,7 +115,7 @@ class TaskReport:
         return ()
 
     def paper_count(self, summary: Mapping[str, Any]) -> PaperCount | None:
-        """Return the run as counted in the paper; None: the paper counts as we do."""
+        """Return the run counted as in the paper; None if the paper counts as we do."""
         del summary
         return None
 

@@ -1,4 +1,4 @@
-"""One trial as it is saved: what was done, what the referee saw, and everything that a replay needs."""
+"""One trial and its file: what was done, what the referee saw, and everything that a replay needs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ABOUT = {
     **dict.fromkeys(("arms", "set", "difficulty", "plugins"), list),
     **dict.fromkeys(("options", "flaws", "versions"), dict),
 }
-"""What every trial records about itself, with its type."""
+"""Keys that every trial records about itself, with their types."""
 SCORE = {"attempted": bool, "succeeded": bool, "failure": str, "reason": str, "start_s": NUMBER, "end_s": NUMBER}
 EVENT = {"name": str, "time_s": NUMBER}
 COLLISION = {
@@ -52,23 +52,23 @@ class Trial:
     of computations lie beside it, in ``.timing.json``.
 
     Attributes:
-        about: what distinguishes its run from others, its number, settings, versions; ``fingerprint`` sums that up. Of
-            a trial on real arms also ``robot``, and ``tally``: how many goals a person counted, None if nobody did.
-        scores: one dict per goal (the task's ``Score``); on real arms what the script itself said, see ``on_robot``.
-        spans: of the scripts.
-        events: of the scripts.
-        collisions: dicts (``trocar.sim.record.Collision``).
+        about: configuration of the run with its ``fingerprint``, session, index and settings. On real arms also
+            ``robot``, and ``tally``: the number of goals that a person counted, None if nobody did.
+        scores: one dict per goal (the task's ``Score``); on real arms what the script itself noted.
+        spans: spans that the scripts noted.
+        events: events that the scripts noted.
+        collisions: dicts of ``trocar.sim.record.Collision``.
         ended: ``done``, or what stopped the script: ``OUT_OF_TIME``, ``FAULT``, ``AGENT_ERROR``.
         reason: why, in a sentence; empty when done.
-        duration_s: on the trial's clock.
+        duration_s: duration on the trial's clock.
         command_limit_use: largest share of the velocity and acceleration limits in each arm's commands.
         arrays: (n, 7) ``desired_ARM``, ``commanded_ARM``, ``measured_ARM``, ``true_ARM`` (six joints and the jaw) and
-            ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on, the task's own, and
-            series that scripts noted. On real arms nobody knows ``true_ARM``, bodies, collisions: they are not there.
+            ``body_NAME`` (position m, quaternion wxyz in the world), all at 100 Hz from 0 s on; the task's own arrays;
+            and series that scripts noted. Trials on real arms have no ``true_ARM``, bodies or collisions.
         scenery: solids, arms and where they stand.
-        images: as the cameras took them, and when.
-        computations: real times; not in the file.
-        machine_speed: of the machine that computed (``trocar.log.machine_speed``); not in the file.
+        images: files of the cameras' images, by name.
+        computations: real times of computations; not in the file.
+        machine_speed: speed of the machine (``trocar.log.machine_speed``); not in the file.
         wall_s: real time of the whole trial; not in the file.
     """
 
@@ -108,17 +108,17 @@ class Trial:
 
     @property
     def finished(self) -> bool:
-        """Return whether the script came to its end within its budget."""
+        """Return whether the script ended by itself within its budget."""
         return self.ended == "done"
 
     @property
     def on_robot(self) -> bool:
-        """Return whether real arms did it: without a referee, so that nothing of it is the truth."""
+        """Return whether real arms did it, without a referee, so that the trial contains no truth."""
         return bool(self.about.get("robot"))
 
     @property
     def goal_noun(self) -> str:
-        """Return what one of its goals is called."""
+        """Return what a goal is called, such as ``transfer``."""
         return str(self.about["goal_noun"])
 
     @property
@@ -128,7 +128,7 @@ class Trial:
 
     @property
     def arms(self) -> tuple[str, ...]:
-        """Return the names of its arms, those that worked first."""
+        """Return the names of its arms; the ones that worked come first."""
         working = list(self.about["arms"])
         return (*working, *(name for name in self.scenery.arms if name not in working))
 
@@ -143,11 +143,11 @@ class Trial:
         return replace(self, arrays={}, images={}, scenery=replace(self.scenery, solids=(), T_world_body={}, arms={}))
 
     def replay(self) -> Replay:
-        """Return everything that is needed to watch it."""
+        """Return the trial's replay."""
         return self.scenery.replay(self)
 
     def save(self, path: str | Path) -> Path:
-        """Write ``path`` and, beside it, the real times; an interrupted write leaves nothing half-done."""
+        """Write the trial to ``path`` and its real times beside it; an interrupted write leaves nothing half-done."""
         path = Path(path)
         header = {
             "format": FORMAT,
@@ -182,7 +182,7 @@ class Trial:
 
     @staticmethod
     def load_noted(path: str | Path) -> Trial:
-        """Return what :meth:`noted` keeps of the trial in a file, reading its header alone.
+        """Return the trial in a file as :meth:`noted` would, but read only the file's header.
 
         Raises:
             BadFile: there is no such file, or it is not a trial of this version.
@@ -196,7 +196,7 @@ class Trial:
 
 
 def _trial_of(archive: Archive, path: Path) -> Trial:
-    """Return the trial in an archive and beside it; raise a sentence if it is none."""
+    """Return the trial in an archive, with the real times beside it (BadFile: it is not a trial)."""
     try:
         log = archive.header
         return Trial(
@@ -227,7 +227,7 @@ def trial_about(path: str | Path) -> dict[str, Any]:
 
 
 def timing_file(path: str | Path) -> Path:
-    """Return the path of a trial's real times."""
+    """Return the path of the file with a trial's real times."""
     return Path(path).with_suffix(".timing.json")
 
 
@@ -247,7 +247,7 @@ def trial_place(path: str | Path) -> tuple[int, ...]:
 
 
 def trial_files(folder: str | Path) -> list[Path]:
-    """Return the trials in a run's folder, in order of sessions: by name alone, 100 would come before 11."""
+    """Return the trials in a run's folder in numerical order (in alphabetical order, 100 would come before 11)."""
     return sorted(Path(folder).glob("session_[0-9]*/trial_[0-9]*.npz"), key=trial_place)
 
 
@@ -263,7 +263,7 @@ def _timing(path: Path) -> dict[str, Any]:
 
 
 def _note(value: Any, kinds: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a dict of a header if it has these keys, with values of these types; raise TypeError otherwise."""
+    """Return a value of a header if it is a dict with these keys and types; raise TypeError otherwise."""
     if not isinstance(value, dict) or not all(isinstance(value.get(key, ...), kind) for key, kind in kinds.items()):
         raise TypeError
     return value
@@ -277,7 +277,7 @@ def _notes(values: Any, kinds: Mapping[str, Any]) -> Notes:
 
 
 def _check(trial: Trial, path: Path) -> None:
-    """Raise a sentence if the arrays of a trial cannot be what their names say."""
+    """Raise BadFile if the arrays of a trial cannot be what their names say."""
     known = "measured" if trial.on_robot else "true"
     for arm in trial.scenery.arms:
         if f"{known}_{arm}" not in trial.arrays:

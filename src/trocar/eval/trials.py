@@ -21,9 +21,9 @@ class Comparison:
     """One run minus another, over the sessions that both have.
 
     Attributes:
-        success_rate: of goals; p is the probability of a rate at least as much higher by chance.
-        time_s: of a trial, over its goals; p is that of a time at least as much shorter.
-        collisions: of a trial; p is that of at least as many fewer.
+        success_rate: share of goals reached; p is the chance of a rate at least as much higher.
+        time_s: duration of a trial divided by its number of goals; p is the chance of a time at least as much shorter.
+        collisions: collisions per trial; p is the chance of at least as many fewer.
     """
 
     success_rate: Difference
@@ -36,10 +36,10 @@ class Comparison:
 
 
 class Trials(Sequence[Trial]):
-    """Trials in files, each read on request: at most one is held in memory, however many there are.
+    """Trials in files, each read on request; at most one is held in memory.
 
     Args:
-        paths: of the files, in order.
+        paths: paths of the files, in order.
     """
 
     def __init__(self, paths: Sequence[str | Path]):
@@ -70,20 +70,20 @@ class Trials(Sequence[Trial]):
             return Trials(self.paths[place])
         path = self.paths[place]
         if self._last is None or self._last[0] != path:
-            self._last = None  # before the next one is read
+            self._last = None  # frees the memory before the next one is read
             self._last = path, Trial.load(path)
         return self._last[1]
 
     @cached_property
     def notes(self) -> list[Trial]:
-        """Return what :meth:`Trial.noted` keeps of each; arrays and images are not read."""
+        """Return each trial as :meth:`Trial.noted` would; arrays and images are not read."""
         return list(map(Trial.load_noted, self.paths))
 
     def only(self, path: str | Path) -> Trials:
-        """Return one of the trials alone.
+        """Return a sequence of the trial in this file alone.
 
         Raises:
-            BadFile: its file cannot be used, or is of another run.
+            BadFile: the file cannot be used, or is of another run.
         """
         path = Path(path)
         if path not in self.paths:
@@ -92,7 +92,7 @@ class Trials(Sequence[Trial]):
         return Trials((path,))
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each goal of each trial: where it belongs, and its score."""
+        """Return a row for each goal of each trial: task, method, seed, session, trial, goal, and score."""
         return [
             {
                 **{key: trial.about[key] for key in ("task", "variant", "method", "seed", "session")},
@@ -108,7 +108,7 @@ class Trials(Sequence[Trial]):
         """Return :meth:`rows` as a ``pandas.DataFrame``.
 
         Raises:
-            InvalidInput: pandas is not installed; it is no dependency.
+            InvalidInput: pandas, which is not a dependency, is not installed.
         """
         try:
             pandas = import_module("pandas")
@@ -118,30 +118,30 @@ class Trials(Sequence[Trial]):
         return pandas.DataFrame(self.rows())
 
     def compare(self, other: Trials) -> Comparison:
-        """Return these trials minus others that met the same sessions, with intervals over sessions.
+        """Return these trials minus others in the same sessions, with intervals over sessions.
 
         Raises:
-            InvalidInput: there are no trials, or they met other sessions.
+            InvalidInput: there are no trials, or they are from other sessions.
         """
         return compared(self.notes, other.notes)
 
 
 def sessions_met(trials: Sequence[Trial]) -> set[tuple[str, ...]]:
-    """Return what the sessions that trials met are drawn from: those with the same number are the same if this is."""
+    """Return from what the trials' sessions are drawn; if it is equal, sessions of the same number are the same."""
     keys = ("task", "station_digest", "seed", "difficulty")
     return {tuple(map(str, map(trial.about.get, keys))) for trial in trials}
 
 
 def noted(trials: Sequence[Trial]) -> list[Trial]:
-    """Return what :meth:`Trial.noted` keeps of each of these trials."""
+    """Return :meth:`Trial.noted` of each of these trials."""
     return trials.notes if isinstance(trials, Trials) else [trial.noted() for trial in trials]
 
 
 def compared(ours: Sequence[Trial], theirs: Sequence[Trial]) -> Comparison:
-    """Return trials minus others that met the same sessions, with intervals over sessions.
+    """Return trials minus others in the same sessions, with intervals over sessions.
 
     Raises:
-        InvalidInput: there are no trials, or they met other sessions.
+        InvalidInput: there are no trials, or they are from other sessions.
     """
     where = [sessions_met(trials) for trials in (ours, theirs)]
     if where[0] != where[1] or len(where[0]) != 1:

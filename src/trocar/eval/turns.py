@@ -28,10 +28,10 @@ class Turn:
 def turns_of(trial: Trial) -> list[Turn]:
     """Return the turns of all arms.
 
-    A script notes them in the event that ends a goal, named after the trial's piece: ``turns`` holds for each arm when
-    it began and when it ended; ``arm`` and ``start_s`` suffice if one arm did it alone. Its ``goal`` is the goal's
-    number among the scores; without one, goals are numbered as they ended. If no arms are noted, every goal belongs to
-    all arms, for as long as its score says.
+    A script notes them in the event that ends a goal, named ``goal_noun``. Its ``turns`` are start and end by arm;
+    ``arm`` and ``start_s`` suffice if one arm worked alone. Its ``goal`` is the goal's number among the scores; without
+    it, goals are numbered in the order of their ends. If no arms are noted, every goal belongs to all arms, from the
+    start to the end of its score.
     """
     found: list[Turn] = []
     ended = (event for event in trial.events if event["name"] == trial.goal_noun)
@@ -45,5 +45,5 @@ def turns_of(trial: Trial) -> list[Turn]:
 
 
 def turn_at(turns: list[Turn], arm: str, time_s: float) -> Turn | None:
-    """Return an arm's turn at a time; None: it has none."""
+    """Return an arm's turn at a time; None if it has none."""
     return next((turn for turn in turns if turn.arm in (None, arm) and turn.holds(time_s)), None)

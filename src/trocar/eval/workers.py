@@ -1,4 +1,4 @@
-"""Work on all cores or on a cluster: results as they come, nothing lost when a worker dies."""
+"""Run units of work on all cores or on a cluster: yield results as they come, lose nothing when a worker dies."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
 UNITS_A_PROCESS = 10
-"""After this many units a process is replaced by a new one, which frees the memory that its libraries keep."""
+"""A process is replaced after this many units, which frees the memory that its libraries keep."""
 PATIENCE_S = 10
-"""Timeout for an answer of a dask cluster's scheduler."""
+"""Timeout for an answer of a dask scheduler."""
 MAX_DEATHS = 3
-"""The work is given up after this many deaths of workers in a row, with nothing finished in between."""
+"""Work is given up after workers died this many times in a row, with nothing finished in between."""
 
 
 class Workers(Protocol):
@@ -33,16 +33,16 @@ class Workers(Protocol):
 
     @property
     def died(self) -> tuple[type[BaseException], ...]:
-        """Return the exception that a unit's future raises if its worker died; the unit is then handed out again."""
+        """Return the exceptions that a unit's future raises if its worker died; the unit is then handed out again."""
         ...
 
     @property
     def count(self) -> int:
-        """Return how many units run at once."""
+        """Return the number of units that run at once."""
         ...
 
     def open(self) -> AbstractContextManager[Executor]:
-        """Return an executor; after workers died, a new one."""
+        """Return a new executor; it is called again after workers died."""
         ...
 
 
@@ -50,12 +50,12 @@ class Workers(Protocol):
 class Processes:
     """Processes of this machine.
 
-    They are forked from a process that has loaded the simulator once; where there is no such thing (on Windows), each
+    They are forked from a server process that has loaded the simulator once; without fork (on Windows), each process
     loads it. A fork of this process would copy the progress bar's threads and their locks.
 
     Attributes:
-        count: how many.
-        loads: modules that are loaded once for all.
+        count: number of processes.
+        loads: modules that the server process loads once for all.
     """
 
     count: int
@@ -64,7 +64,7 @@ class Processes:
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
-        """Return a pool; a killed worker breaks it, and another pool is opened.
+        """Return a pool; a killed worker breaks it, and :func:`run_all` opens another.
 
         After Ctrl-C it waits for the units that are running; a second Ctrl-C kills the workers.
         """
@@ -78,14 +78,15 @@ class Processes:
         try:
             yield pool
         finally:
-            ended = threading.Event()  # a join that Ctrl-C interrupts takes its thread for ended (Python 3.11)
+            # An event, not a join: after Ctrl-C interrupts a join, Python 3.11 counts the thread as ended.
+            ended = threading.Event()
             threading.Thread(target=_shut_down, args=(pool, ended), daemon=True).start()
             try:
                 ended.wait()
             except KeyboardInterrupt:
                 for worker in multiprocessing.active_children():
                     worker.kill()
-                ended.wait()  # or the interpreter's own exit wakes a thread that is just ending
+                ended.wait()  # otherwise the interpreter's exit wakes a thread that is just ending
                 raise
 
 
@@ -101,7 +102,7 @@ def _left_alone() -> None:
 
 @contextmanager
 def _ctrl_c_held() -> Iterator[None]:
-    """Block Ctrl-C for a moment; a process started meanwhile blocks it until it ignores it."""
+    """Block Ctrl-C for a moment; a process started meanwhile inherits the block, and later ignores Ctrl-C."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -121,9 +122,9 @@ def run_all(
     result (a trial's file), and return at once if it exists.
 
     Args:
-        function: defined in a module, so that other processes find it.
-        units: to be handed out in order; they must pickle.
-        workers: do the work.
+        function: does a unit; defined in a module, so that other processes find it.
+        units: the units, which are handed out in order; they must pickle.
+        workers: the workers that do them.
 
     Raises:
         MachineError: workers died several times in a row.
@@ -154,7 +155,7 @@ def run_all(
 def _handed_out(
     executor: Executor, function: Callable[[Unit], Result], units: Sequence[Unit], left: Sequence[int], workers: Workers
 ) -> Iterator[tuple[int, Result | BaseException]]:
-    """Yield indices of units with their results, or with what killed their worker; few wait in the queue at a time."""
+    """Yield indices of units with their results, or with the exception of a dead worker; keep the queue short."""
     waiting: dict[Future[Any], int] = {}
     queue = iter(list(left))
 
@@ -189,11 +190,11 @@ def _handed_out(
 
 @dataclass(frozen=True)
 class DaskWorkers:
-    """Workers of a dask cluster. The folder of the work must be on a file system that all of them see.
+    """Workers of a dask cluster, who must all see the file system with the run's folder.
 
     Attributes:
-        count: how many units are handed out at once.
-        scheduler: address; empty: a cluster of processes is started on this machine.
+        count: number of units that run at once.
+        scheduler: address of the scheduler; empty: a cluster of processes is started on this machine.
     """
 
     count: int
@@ -201,7 +202,7 @@ class DaskWorkers:
 
     @property
     def died(self) -> tuple[type[BaseException], ...]:
-        """Return what a unit's future raises if its worker died."""
+        """Return the exceptions that a unit's future raises if its worker died."""
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
 
@@ -209,7 +210,7 @@ class DaskWorkers:
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
-        """Return an executor of the cluster. Dask itself hands the work of a dead worker out again."""
+        """Return an executor of the cluster. Dask itself hands out the work of a dead worker again."""
         with self._client() as client:
             executor = client.get_executor(pure=False, retries=0)
             try:
@@ -251,7 +252,7 @@ def _processes(jobs: int, scheduler: str = "") -> Workers:
 BACKENDS: Registry[Callable[..., Workers]] = Registry(
     "backend", "trocar.workers", {"processes": _processes, "dask": DaskWorkers}
 )
-"""Where studies and runs do their work: a function of the number of jobs and the scheduler's address."""
+"""Functions of the number of jobs and the scheduler's address to :class:`Workers`, by name."""
 
 
 def pick_workers(backend: str, jobs: int, scheduler: str = "") -> Workers:
@@ -259,8 +260,8 @@ def pick_workers(backend: str, jobs: int, scheduler: str = "") -> Workers:
 
     Raises:
         UnknownName: there is no such backend.
-        NotInstalled: it is not installed.
-        InvalidValue: the number of jobs is not valid.
+        NotInstalled: dask is requested but not installed.
+        InvalidValue: the number of jobs is below 1.
     """
     if jobs < 1:
         raise InvalidValue("--jobs", jobs, "give 1 or more")
