@@ -16,8 +16,7 @@ from trocar.calibration.plant import WRIST
 from trocar.geometry.arrays import Array
 
 LEVER = np.array([10.0, 10.0, 67.0, 0.7, 1.0, 1.0])
-"""Weights of errors of q1 to q6: lever arms to the tip (.15 m, .15 m, 1, .01 m, .015 m, .015 m) over the wrist's 15 mm.
-"""
+"""Weights of errors of q1 to q6: lever arms to the tip (.15 m, .15 m, 1, .01 m, .015 m, .015 m) over the wrist's."""
 
 EASE = np.array([1e-4, 1e-4, 1e-5, 2.5e-3, 2.5e-3, 2.5e-3])
 """Joint errors (rad, m) that cost as much as full acceleration does: 10 to 40 um at the tip."""

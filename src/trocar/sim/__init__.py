@@ -1,1 +1,1 @@
-"""The simulated laboratory."""
+"""The simulated laboratory: MuJoCo's physics, arms, cameras and clock."""

@@ -1,4 +1,4 @@
-"""The look of surfaces beyond a single colour: grain of the material, and wet spots that mirror the lamp."""
+"""The appearance of surfaces beyond a plain colour: grain of the material, and wet spots that mirror the lamp."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ GRAIN_M = (2.4e-3, 1.1e-3)
 """Correlation lengths of a surface's grain: two octaves, the second half as strong (assumed)."""
 RIPPLE_M = 1.5e-3
 RIPPLE = 0.35
-"""Length and slope of the uneven film of water on a wet surface (assumed)."""
+"""Length and slope of ripples in the film of water on a wet surface (assumed)."""
 SPOT_EXPONENT = 120.0
-"""Sharpness of a spot on a surface of shininess 1."""
+"""Specular exponent of a surface of shininess 1."""
 LATTICE = np.array([73856093, 19349663, 83492791])
 """Factors that turn the three coordinates of a lattice point into its key."""
 AT_ONCE = 8192
-"""Number of points processed at a time, so that intermediate arrays stay in the processor's cache."""
+"""Number of points processed at a time; intermediate arrays then stay in the processor's cache."""
 
 
 class Sight(NamedTuple):
-    """Points (n, 3) on surfaces with their outward normals, seen by an eye under a lamp; all in the world's frame."""
+    """Points (n, 3) on surfaces, outward normals (n, 3), eye (3,) and lamp (3,), all in the world's frame."""
 
     geom: NDArray[np.int32]  # (n,) ids, -1 for nothing
     points_m: Array
@@ -38,8 +38,8 @@ class Sight(NamedTuple):
 class Appearance:
     """Grain and wet spots of geoms that have a material; they move with the body.
 
-    MuJoCo's materials define their strength: ``roughness`` is twice the standard deviation of the albedo as a share
-    of it, ``specular`` the brightness of a spot where the film of water mirrors the lamp, ``shininess`` its sharpness.
+    MuJoCo's materials define their strength: ``roughness`` is twice the relative standard deviation of the albedo,
+    ``specular`` the brightness of a spot where the film of water mirrors the lamp, ``shininess`` its sharpness.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -47,7 +47,7 @@ class Appearance:
         with_material = material >= 0
 
         def of_geoms(values: NDArray) -> NDArray[np.float32]:
-            """Return a value for each geom, and 0 for nothing."""
+            """Return the value of each geom's material; then a 0, for rays that hit nothing (geom -1)."""
             found = np.where(with_material, values[material], 0.0) if len(values) else np.zeros(len(material))
             return np.append(np.maximum(found, 0.0), 0.0).astype(np.float32)
 
@@ -68,7 +68,7 @@ class Appearance:
         return np.clip(color, 0, 1)
 
     def _spots(self, data: mujoco.MjData, sight: Sight, wet: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Return how much these points mirror (n,), by Blinn and Phong with rippled normals."""
+        """Return the brightness (n,) of spots at these points, by Blinn-Phong reflection with rippled normals."""
         local, geom = _in_geom(data, sight, wet)
         ripple = np.stack([_noise(local / RIPPLE_M, geom * 3 + axis) for axis in range(3)], -1)
         normal = _unit(sight.normal[wet] + RIPPLE * ripple)
@@ -100,14 +100,14 @@ def _grain(local_m: NDArray[np.float32], geom: NDArray[np.int32]) -> NDArray[np.
 
 
 def _noise(at: NDArray, seed: NDArray) -> NDArray[np.float32]:
-    """Return smooth noise (n,) of standard deviation .45: random values on a lattice, linear in between."""
+    """Return smooth noise (n,) of standard deviation .45: random values on a lattice, interpolated linearly."""
     at, seed = at.astype(np.float32), seed.astype(np.int64) * 2654435761
     noise = [_noise_of_few(at[k : k + AT_ONCE], seed[k : k + AT_ONCE]) for k in range(0, len(at), AT_ONCE)]
-    return np.float32(2.9) * np.concatenate(noise)  # at the corners themselves, the standard deviation is .84
+    return np.float32(2.9) * np.concatenate(noise)  # scaled; at the lattice points, the standard deviation is .84
 
 
 def _noise_of_few(at: NDArray[np.float32], seed: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the unscaled noise (n,) of points (n, 3): the mean of a cell's eight corners, weighted by nearness."""
+    """Return the unscaled noise (n,) at points (n, 3): trilinear interpolation between the corners of a cell."""
     cell = np.floor(at)
     part, corner = (at - cell).T, cell.T.astype(np.int64)
     shares = 1 - part, part
@@ -120,7 +120,7 @@ def _noise_of_few(at: NDArray[np.float32], seed: NDArray[np.int64]) -> NDArray[n
 
 
 def _value(key: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return a value in [-.5, .5) that depends on a lattice point's key and looks random."""
+    """Return a pseudo-random value in [-.5, .5) from a lattice point's key."""
     mixed = ((key ^ (key >> 13)) * 1274126177) & 0xFFFFFFFF
     mixed ^= mixed >> 16
     return (mixed & 0xFFFF).astype(np.float32) / np.float32(65536.0) - np.float32(0.5)

@@ -1,4 +1,4 @@
-"""Calibration in simulation: arms that carry spheres, a checkerboard in a hand, joints as noisy fiducials show them."""
+"""Calibration in simulation: images of spheres on an arm and of a checkerboard, and recordings with drawn noise."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ TABLE_BELOW_M = 0.08
 """The black table, cleared for the calibration, lies this much below the world's origin (assumed)."""
 
 WHITE_RGB, BLACK_RGB = (0.39, 0.39, 0.39), (0.03, 0.03, 0.03)
-"""Matte print, too dull to mirror the lamp (assumed)."""
+"""Colours of a matte print that does not mirror the lamp (assumed)."""
 TABLE_RGB = (0.2, 0.2, 0.2)
 THICK_M, PRINT_M = 2e-3, 2e-6
-"""Thickness of the board, and how far its black squares stand out: so little that no edge moves visibly."""
+"""Thickness of the board, and height of its black squares, which is too small to move an edge visibly."""
 TURN_RAD = (0.6, 0.6, 0.8)
 DISTANCES = (0.8, 1.1)
-"""How a person holds the board: rotated about the camera's axes by up to this, and this far away as a share of the
-workspace's distance (assumed)."""
+"""How a person holds the board: greatest rotation about the camera's axes, and least and greatest distance as a share
+of the workspace's distance (assumed)."""
 TRIES = 10_000
 
 SAMPLE_S = 0.8
@@ -50,7 +50,7 @@ class EmptyTable(TaskWorld):
     """A black table with nothing on it, far below the world's origin."""
 
     def add(self, spec: mujoco.MjSpec) -> None:
-        """Add it."""
+        """Add the table."""
         _add_table(spec, -TABLE_BELOW_M, EMPTY_TABLE_RGB, INTANGIBLE)
 
 
@@ -60,7 +60,7 @@ def _add_table(spec: mujoco.MjSpec, z_m: float, rgb: tuple[float, float, float],
 
 
 def printed(fixture: Fixture, rng: np.random.Generator) -> Fixture:
-    """Return a fixture as printed: each sphere slightly off its place."""
+    """Return a fixture as printed, with each sphere slightly off its designed position."""
     centers = fixture.centers_m + fixture.print_sd_m * rng.standard_normal((len(fixture.spheres), 3))
     moved = zip(fixture.spheres, centers.tolist(), strict=True)
     return replace(fixture, spheres=tuple(replace(sphere, center_m=tuple(center)) for sphere, center in moved))
@@ -71,11 +71,11 @@ class FiducialCell:
 
     Args:
         session: the session; its true base and camera are used.
-        arm: which arm.
-        camera: which of the station's cameras.
-        fixture: that the arm carries, as designed.
-        rng: draws its printing errors.
-        flaws: of the camera, in place of the station's.
+        arm: name of the arm.
+        camera: name of the station's camera.
+        fixture: the spheres that the arm carries, as designed.
+        rng: random numbers of the printing errors.
+        flaws: flaws of the camera, in place of the station's.
 
     Raises:
         InvalidInput: the camera has no depth.
@@ -102,7 +102,7 @@ class FiducialCell:
         mujoco.mj_kinematics(self._world.model, self._world.data)
 
     def image(self, q_joint: Array, window: Window, rng: np.random.Generator) -> RgbdImage:
-        """Return a window of the image of the arm at rest at these true joints (6,), jaws closed on the fixture."""
+        """Return a window of the arm's image at rest at these true joints (6,), jaws closed on the fixture."""
         data = self._world.data
         data.qpos[self._joints] = q_joint
         mujoco.mj_kinematics(self._world.model, data)
@@ -135,14 +135,14 @@ class _CheckerboardWorld(TaskWorld):
 
 
 class CheckerboardCell:
-    """Takes images of a checkerboard. Simulator truth; estimators get its images alone.
+    """Takes images of a checkerboard. Simulator truth; estimators get only its images.
 
     Args:
-        station: whose camera looks; its true lenses and pose are used.
-        camera: which of the station's cameras.
-        board: the one shown, with a white rim as wide as a square.
+        station: the station; the true lenses and pose of its camera are used.
+        camera: name of the station's camera.
+        board: the board shown, with a white rim as wide as a square.
         table_z_m: height of the table in the world.
-        flaws: of the camera, in place of the station's.
+        flaws: flaws of the camera, in place of the station's.
 
     Raises:
         InvalidInput: the camera is not a stereo pair.
@@ -161,14 +161,14 @@ class CheckerboardCell:
         self._camera = CameraRenderer(self._world.model, seen_by, seen_by.T_world_camera, flaws)
 
     def hand_pose(self, rng: np.random.Generator, distance_m: float) -> SE3:
-        """Return a pose in the world in which a person holds the board, so that both lenses see the whole of it.
+        """Return a random pose in the world of a board held by hand, which both lenses see whole.
 
         Args:
-            rng: draws place, tilt and turn.
-            distance_m: of the workspace from the lenses.
+            rng: random numbers of position and rotation.
+            distance_m: distance of the workspace from the lenses.
 
         Raises:
-            InvalidInput: the board is too large for it.
+            InvalidInput: the board is too large to be seen whole.
         """
         (width, height), rim = self._board.size_m, self._board.square_m
         corners = np.array([[x * (width / 2 + rim), y * (height / 2 + rim), 0.0] for x in (-1, 1) for y in (-1, 1)])
@@ -216,18 +216,18 @@ def record_motion(
 ) -> Recording:
     """Return a calibration recording of this arm: the paper's random smooth motion, seen by noisy fiducials.
 
-    The joints are those of the cell's drive train at rest after each step of .8 s; the servos' error at rest is below a
-    thousandth of the cables' and left out (tested). Tracking the fiducials in images is not simulated; their noise is
-    that of the recordings. Before its first sample the wrist swings back and forth, which takes up the slack; those
+    The joints are those of the cell's drive train at rest after each step of .8 s; the servos' error at rest, below a
+    thousandth of the cables', is left out (tested). Images of the fiducials are not simulated; the measurements have
+    the noise of the recordings. Before the first sample the wrist swings back and forth to take up the slack; these
     rows are commands without a measurement.
 
     Args:
-        session: with its transmissions.
-        arm: which arm.
-        rng: of the motion and the noise.
+        session: the session with the arm's transmission.
+        arm: name of the arm.
+        rng: random numbers of motion and noise.
         box: range of the motion.
-        samples: number of samples.
-        wide: the motion is the short one of wide swings.
+        samples: number of samples; None: the default of either motion.
+        wide: whether the motion is the short one of wide swings.
     """
     model = session.station.arm(arm).model
     path = wide_path(model, samples or WIDE_ROWS, box) if wide else random_smooth_path(model, rng, box=box)[:samples]
@@ -236,8 +236,8 @@ def record_motion(
     for q in q_cmd:
         train.advance(SAMPLE_S)
         joints.append(train.joints(q))
-    # The fiducials' measurement knows no other base than the registered one, so the joints are those that would put
-    # the tip where it is if the base were there: errors of registration are in the recording and in its model.
+    # A measurement by fiducials knows only the registered base. So the measured joints put the tip where it is if the
+    # base is there: errors of registration are in the recording, and in the model fitted to it.
     T_found_true = session.T_world_base_registered[arm].inverse() @ session.T_world_base[arm]
     q_true = np.array(joints)
     tips = T_found_true @ fk(session.models[arm], q_true)

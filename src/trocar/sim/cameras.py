@@ -17,17 +17,17 @@ from trocar.sim.sensor import Light
 from trocar.sim.world import World
 
 STEREO_GAINS = (1.0, 0.96)
-"""Gains of the left and the right sensor of a pair, since two are never equally bright (assumed)."""
+"""Gains of the left and the right sensor of a pair; real ones are never equally bright (assumed)."""
 
 
 class CameraRenderer:
     """Renders what a camera of a station sees of a world.
 
     Args:
-        model: the world.
-        camera: its true lenses, lamp, gain and flaws; images have the lenses as registered.
-        T_world_camera: true pose (of a pair: of the left one).
-        flaws: in place of the camera's.
+        model: MuJoCo's model of the world.
+        camera: the camera, with its true lenses, lamp, gain and flaws; images carry the lenses as registered.
+        T_world_camera: true pose (of a pair: of the left camera).
+        flaws: flaws in place of the camera's own.
 
     Attributes:
         model: the lens or lenses as registered.
@@ -80,11 +80,11 @@ class SimCamera:
     """A simulated camera behind the ``Camera`` protocol.
 
     Attributes:
-        renderer: of its images.
-        exposure_s: of one image.
-        rng: of its noise.
+        renderer: renders its images.
+        exposure_s: exposure of one image.
+        rng: random numbers of its noise.
         model: its lens or lenses as registered.
-        taken: all whole images that it took.
+        taken: all images that it took without a window.
     """
 
     def __init__(self, world: World, renderer: CameraRenderer, exposure_s: float, rng: np.random.Generator):
@@ -96,7 +96,7 @@ class SimCamera:
 
     async def capture(self, window: Window | StereoWindow | None = None) -> Image:
         """Expose one image; it shows the end of the exposure."""
-        read_out(self.model, window)  # a window that is refused takes no time
+        read_out(self.model, window)  # raises before any time passes
         async with self._exposures:
             await trio.sleep(self.exposure_s)
         image = self.renderer.image(self._world.data, self.rng, window)

@@ -29,8 +29,7 @@ from trocar.sim.world import TaskWorld, World
 REST_S = 0.5
 """The bodies settle for this long before the clock starts."""
 GRACE_S, HURRY_S = 1.0, 10.0
-"""A script may use this much time after its budget to clean up under a shield; then its sleeps pass at this much a
-tick."""
+"""Time after its budget that a script may use to clean up under a shield; then its clock jumps by this per tick."""
 
 Listener = Callable[[Mapping[str, object]], None]
 """Called with each event of a log."""
@@ -43,25 +42,25 @@ class SimClock:
         self.now_s = now_s
 
     async def sleep(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let this time pass on the cell's clock."""
         await trio.sleep(seconds)
 
     async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
-        """Return the result and how long it computed; the clock counts the budget."""
+        """Return the result and the real time of the computation; the cell's clock counts the budget."""
         result, seconds = timed(function)
         await trio.sleep(budget_s)
         return result, seconds
 
 
 class SimLaboratory:
-    """One simulated laboratory with a task's objects in it, ready to run scripts; the arms are in their places.
+    """One simulated laboratory with a task's objects in it, ready to run scripts; the arms are parked.
 
     Args:
         session: the session.
-        task: what a task puts into the world; None: nothing.
-        rng: of cables and cameras.
-        flaws: of all cameras, in place of the station's.
-        surface: of the contacts; default: the usual surface.
+        task: a task's side of the world; None: nothing.
+        rng: random numbers of cables and cameras.
+        flaws: flaws of all cameras, in place of the station's.
+        surface: parameters of contacts; None: the default.
         fixtures: spheres that instruments wear for a calibration, by arm.
         listener: called with each event of the log.
 
@@ -69,11 +68,11 @@ class SimLaboratory:
         session: the session; simulator truth.
         world: the physics; simulator truth, for referee and tests.
         driver: the arms without their guard; for tests and faults.
-        cell: what scripts are given.
-        log: what they log.
-        cameras: by name.
-        recorder: what happened, tick by tick.
-        contacts: which of it were collisions; simulator truth.
+        cell: the cell that scripts are given.
+        log: the log of the scripts.
+        cameras: cameras by name.
+        recorder: records what happens, tick by tick.
+        contacts: collects the collisions; simulator truth.
     """
 
     def __init__(
@@ -127,11 +126,11 @@ class SimLaboratory:
         self._turning = False
 
     def now_s(self) -> float:
-        """Return the cell's clock."""
+        """Return the time of the cell's clock."""
         return self._ticks * TICK_S
 
     def wrap_robot(self, wrap: Callable[[Cell], Any]) -> Cell:
-        """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
+        """Add a wrapper to the robot, made by ``wrap`` from the cell; return the cell with the wrapped robot."""
         robot = self.recorder.desired_of = wrap(self.cell)
         self.cell = replace(self.cell, robot=robot)
         if isinstance(robot, JointEstimator):
@@ -142,7 +141,7 @@ class SimLaboratory:
         """Advance everything by one period of the controller, 10 ms."""
         self.driver.tick(self.now_s())
         self._ticks += 1
-        self.world.data.time = self.now_s()  # the sum of 1 ms steps is not a round number
+        self.world.data.time = self.now_s()  # a sum of 1 ms steps has rounding errors
         self._guard.check()
         self._observe()
 
@@ -155,22 +154,23 @@ class SimLaboratory:
         return self.recorder.record(self.contacts.collisions())
 
     def truth(self) -> Any:
-        """Return the referee's account of it, only for the task's score."""
+        """Return the task's truth so far, only for the task's score."""
         return self.task.truth(self.record())
 
     def run(self, script: Script, budget_s: float, pace: Pace | None = None) -> bool:
-        """Run a script to its end on the cell's clock; return whether it ended within its budget.
+        """Run a script on the cell's clock; return whether it ended within its budget.
 
-        However it ends, an error or Ctrl-C included, every arm comes to rest within its limits before this returns.
+        However the script ends, including an error or Ctrl-C, every arm comes to rest within its limits before this
+        returns.
 
         Args:
             script: called with the cell.
-            budget_s: of the cell's clock.
-            pace: how fast the clock runs; default: as fast as it can.
+            budget_s: budget on the cell's clock.
+            pace: how fast the clock runs; None: as fast as it can.
 
         Raises:
-            BaseException: whatever the script raises, without the groups that nurseries wrap it in; an interruption
-                takes precedence.
+            BaseException: whatever the script raises, without the exception groups of nurseries; an interruption takes
+                precedence.
         """
         clock, ended = MockClock(), False
         repeat_scheduling()
@@ -186,22 +186,22 @@ class SimLaboratory:
         return ended
 
     def stepping(self, script: Script | None = None, budget_s: float = float("inf")) -> Stepping:
-        """Return the cell to be stepped from outside; a context manager."""
+        """Return a context manager that steps the cell from outside."""
         return Stepping(self, script, budget_s)
 
     def start_soon(self, script: Script) -> None:
-        """Start another script beside the one that runs."""
+        """Start another script beside the one that runs (RuntimeError: none runs)."""
         if self._nursery is None:
             raise RuntimeError("a script can be started only while the cell runs")
         self._nursery.start_soon(script, self.cell)
 
     @property
     def interrupted(self) -> bool:
-        """Return whether Ctrl-C was pressed while the cell runs; it ends at its next tick."""
+        """Return whether Ctrl-C was pressed; the cell then ends at its next tick."""
         return self._watchdog is not None and self._watchdog.asked
 
     def end(self) -> None:
-        """Cancel all scripts that run; the arms come to rest."""
+        """Cancel all running scripts; the arms come to rest."""
         if self._nursery is not None:
             self._nursery.cancel_scope.cancel()
 
@@ -218,7 +218,7 @@ class SimLaboratory:
                         ended = not budget.cancel_called
                         scripts.cancel_scope.cancel()
             finally:
-                # the physics continues until arms that scripts left moving have come to rest
+                # the physics continues until all arms have come to rest
                 self._nursery = None
                 with trio.CancelScope(shield=True):
                     self.cell.robot.hold(reason="the script has ended")
@@ -242,7 +242,7 @@ class SimLaboratory:
                 shielded = self._nursery is not None and clock.current_time() > latest_s
                 clock.jump(HURRY_S if shielded else TICK_S)
         except Exception as error:
-            # otherwise a script that cleans up under a shield would wait forever, for an arm or for the clock
+            # without this, a script that cleans up under a shield would wait forever for an arm or the clock
             self.driver.abandon(f"the simulation has ended: {error}")
             clock.autojump_threshold = 0.0
             raise

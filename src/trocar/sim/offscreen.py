@@ -1,4 +1,4 @@
-"""Pictures of a trial for people, from its replay; no agent gets them."""
+"""Pictures of a replay for people; no agent gets them."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ TABLE_RGB = (0.80, 0.83, 0.86)
 BELOW_M = 2e-3
 """The table is this far below the lowest fixed solid."""
 FAR = 3.2
-"""Without a view defined by the task, the eye is this many times as far away as the motion is wide."""
+"""Default distance of the eye, as a multiple of the width of what is shown."""
 ROOM_M = 0.02
-"""Least half-width of a picture; less would show only a tip."""
+"""Least half-width of what is shown; less would show only a tip."""
 
 WIDTH = 640
 """Width of a picture in pixels at scale 1."""
 HEIGHTS = (0.56, 0.75)
-"""Least and greatest height as a share of the width: flat objects get a flat picture, tall ones at most 4 to 3."""
+"""Least and greatest height as a share of the width: flat objects get a flat picture, tall ones at most 4:3."""
 FILLED = 0.94
-"""Share of the frame to be filled; the rest is margin."""
+"""Share of the frame to fill; the rest is margin."""
 NEAREST_M = 0.02
 """Points nearer to the camera, or behind it, count as this far away."""
 AIMS = 6
-"""Iterations: turning the camera to the middle of what it sees shifts that middle a little, less each time."""
+"""Iterations of aiming: turning the camera to the middle of the points shifts that middle, less each time."""
 
 
 class OffscreenCamera:
     """Draws a replay at any of its times by ray casting, with light and shadow, without OpenGL.
 
     Args:
-        replay: to be drawn.
+        replay: the replay to draw.
         view: viewpoint; None: from the front and above.
-        colours: in place of their own, as ``trocar.replay.painted`` takes them.
-        scale: of the picture's width of 640 pixels.
-        frame_m: (n, 3) points in the world that fill the picture; None: what moves.
+        colours: colours in place of the solids' own, an argument of ``trocar.replay.painted``.
+        scale: factor on the picture's width of 640 pixels.
+        frame_m: (n, 3) points in the world that fill the picture; None: those of :func:`handled`.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class OffscreenCamera:
         self._camera = RayCamera(self._model, lens, T_world_camera, lamp_m, flaws, light)
 
     def picture(self, time_s: float, replay: Replay | None = None) -> NDArray[np.uint8]:
-        """Return a colour picture (height, width, 3) of this time, of its own replay or of another of the same cell."""
+        """Return a colour picture (height, width, 3) of a time, of this replay or of another one of the same cell."""
         replay = replay or self._replay
         row = int(np.argmin(np.abs(replay.times_s - time_s)))
         for number, body in enumerate(self._moving):
@@ -86,7 +86,7 @@ class OffscreenCamera:
 
 
 def handled(replay: Replay) -> Array:
-    """Return the positions (n, 3) in the world of free bodies and moving tips; if there are none, of everything."""
+    """Return the positions (n, 3) in the world of free bodies and moving tips, or else of all tips, or all bodies."""
     bodies, tools = replay.T_world_body, tuple(replay.tools)
     paths = [tool.p_world_driven_m for tool in replay.tools.values()]
     moved = [path for path in paths if np.ptp(path, axis=0).max() > ROOM_M]
@@ -97,12 +97,12 @@ def handled(replay: Replay) -> Array:
 
 
 def framed(eye_m: Array, points_m: Array, scale: float = 1.0) -> tuple[SE3, Intrinsics]:
-    """Return the level camera at a place in whose picture these points reach from edge to edge.
+    """Return pose and lens of a level camera in whose picture these points reach from edge to edge.
 
     Args:
-        eye_m: (3,) where it stands, in the world.
-        points_m: (n, 3) points to fill the frame, in the world; two or more, in front of the eye.
-        scale: of the picture's pixels.
+        eye_m: (3,) position of the camera in the world.
+        points_m: (n, 3) points in the world that fill the frame; two or more, in front of the eye.
+        scale: factor on the picture's width of 640 pixels.
     """
     target = points_m.mean(axis=0)
     for _ in range(AIMS):
@@ -127,7 +127,7 @@ def look_at(eye_m: Array, target_m: Array) -> SE3:
 
 
 def _extent(T_world_camera: SE3, points_m: Array) -> tuple[Array, Array]:
-    """Return the corners (2,), (2,) of what the points cover at a distance of 1 from the camera."""
+    """Return the corners (2,), (2,) of the points' projections x/z, y/z."""
     seen = T_world_camera.inverse().apply(points_m)
     flat = seen[:, :2] / np.maximum(seen[:, 2:], NEAREST_M)
     return flat.min(axis=0), flat.max(axis=0)
@@ -142,7 +142,7 @@ def overview(points_m: Array) -> Viewpoint:
 
 
 def _spec(replay: Replay, colours: Mapping[str, tuple[float, float, float]]) -> mujoco.MjSpec:
-    """Return the replay's solids: what moves as free bodies, the rest fixed, on a table."""
+    """Return the replay's solids on a table: moving ones as free bodies, the rest fixed."""
     spec = mujoco.MjSpec()
     hulls: dict[bytes, str] = {}
     bodies: dict[str, mujoco.MjsBody] = {}

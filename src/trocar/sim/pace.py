@@ -24,14 +24,14 @@ Script = Callable[["Cell"], Awaitable[Any]]
 
 
 def repeat_scheduling() -> None:
-    """Make scripts that are due together run in the same order whenever the same trial is run.
+    """Make scripts that are due at the same time run in the same order in every run of a trial.
 
     Trio reverses them at random on purpose, and whichever takes an image first draws the camera's noise first.
     """
-    # Private, and touched nowhere else: with these switches Hypothesis makes trio deterministic. Nothing public orders
-    # tasks: an instrument (`trio.abc.Instrument`) sees each one become due but cannot move it, a guest run
-    # (`trio.lowlevel.start_guest_run`) hands over whole batches, and one event or cancellation wakes several tasks
-    # whatever their checkpoints do. A test fails if trio renames them.
+    # These switches are private, and used only here; Hypothesis makes trio deterministic with them too. No public
+    # interface orders tasks: an instrument (`trio.abc.Instrument`) sees each task become due but cannot move it, a
+    # guest run (`trio.lowlevel.start_guest_run`) hands over whole batches, and one event or cancellation wakes several
+    # tasks whatever their checkpoints do. A test fails if trio renames the switches.
     _run._ALLOW_DETERMINISTIC_SCHEDULING = True  # type: ignore[misc]
     _run._r.seed(0)
 
@@ -45,16 +45,16 @@ class Pace(Protocol):
 
 
 class RealTime:
-    """No faster than the wall clock.
+    """A pace no faster than the wall clock.
 
     Args:
         speed: seconds of the cell per second of the wall clock.
-        max_late_s: a cell that is late by up to this much hurries to catch up; one that is later goes on from there.
+        max_late_s: a cell that is late by up to this much catches up; a later one continues without catching up.
 
     Attributes:
-        ticks: that have begun.
-        late_ticks: those of them that began a whole tick late, or more.
-        latest_s: the greatest lateness, on the wall clock.
+        ticks: number of ticks that have begun.
+        late_ticks: number of ticks that began late by a tick or more.
+        latest_s: greatest lateness, on the wall clock.
     """
 
     def __init__(self, speed: float = 1.0, max_late_s: float = math.inf):
@@ -72,17 +72,17 @@ class RealTime:
         if left_s < -self._max_late_s:
             self._origin_s -= left_s
         if left_s > 0:
-            await trio.to_thread.run_sync(time.sleep, left_s)  # wall-clock time: trio's clock is the cell's here
+            await trio.to_thread.run_sync(time.sleep, left_s)  # in a thread, because trio's own clock is the cell's
         late_s = time.perf_counter() - due_s
         self.ticks, self.latest_s = self.ticks + 1, max(self.latest_s, late_s)
         self.late_ticks += late_s >= TICK_S / self._speed
 
 
 class Stepping:
-    """A simulated cell that is stepped from outside: Gymnasium, a server, a person at a console.
+    """A simulated cell that is stepped from outside: by Gymnasium, a server, or a person at a console.
 
-    The cell and its scripts run in a thread that moves only while :meth:`step` waits for it, so that the
-    outcome does not depend on the machine. Use it as a context manager.
+    The cell and its scripts run in a thread, but only while :meth:`step` waits for it, so that the outcome does not
+    depend on the machine. Use it as a context manager.
 
     Example:
         with build_cell("peg-transfer").stepping() as cell:
@@ -92,12 +92,12 @@ class Stepping:
 
     Args:
         laboratory: the laboratory of the cell.
-        script: runs beside the calls; None: none.
-        budget_s: of the cell's clock.
+        script: script that runs beside the calls; None: none.
+        budget_s: budget on the cell's clock.
 
     Attributes:
-        cell: to read from between two steps.
-        over: whether the script or the budget has ended.
+        cell: the cell, to read from between two steps.
+        over: whether the script has ended or the budget is spent.
     """
 
     def __init__(self, laboratory: SimLaboratory, script: Script | None = None, budget_s: float = math.inf):
@@ -124,7 +124,7 @@ class Stepping:
         self._calls.put(script)
 
     def step(self, seconds: float = TICK_S) -> None:
-        """Advance the cell by this time, in whole ticks, and return when it waits again.
+        """Advance the cell by this time, in whole ticks; return when it waits again.
 
         Raises:
             BaseException: whatever a script raised.
@@ -147,7 +147,7 @@ class Stepping:
         self._at_rest.put(None)
         ticks = await trio.to_thread.run_sync(self._may_tick.get)
         if not ticks:
-            self._left = True  # nobody waits for the last ticks, in which the arms come to rest
+            self._left = True  # the last ticks, in which the arms come to rest, wait for nobody
             self._laboratory.end()
         self._granted = ticks - 1
         while not self._calls.empty():

@@ -1,4 +1,4 @@
-"""An RGBD camera that renders MuJoCo's world by casting rays: no OpenGL, the same images without a display."""
+"""An RGBD camera that renders MuJoCo's world by casting rays, so that it needs neither OpenGL nor a display."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VISIBLE_GROUPS = (1, 1, 1, 0, 0, 0)
 HIDDEN_GROUP = 5
 NEAR_M = 5e-3
 SHADOW_SLACK = 5e-4
-"""A surface is lit if the projector's ray ends this close to it, as a share of the ray's length."""
+"""A surface is lit unless the projector's ray ends before it by more than this share of the ray's length."""
 
 
 class RayCamera:
@@ -36,9 +36,9 @@ class RayCamera:
         intrinsics: lens and pixels, such as ``lens.binned(2)``.
         T_world_camera: true pose.
         lamp_m: (3,) projector or lamp in the camera frame; surfaces that it does not light are dark and have no depth.
-        flaws: of the sensor; ``SensorFlaws.none()`` gives exact depth.
-        light: of the scene.
-        finish: grain and wet spots of surfaces; None: each has one plain colour.
+        flaws: flaws of the sensor; ``SensorFlaws.none()`` gives exact depth.
+        light: light of the scene.
+        finish: grain and wet spots of surfaces; None: plain colours.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class RayCamera:
         return self.intrinsics.height, self.intrinsics.width
 
     def binned(self, factor: int) -> RayCamera:
-        """Return this camera with this many by this many pixels combined: one ray for all of them (noise as of one)."""
+        """Return this camera with ``factor`` x ``factor`` pixels combined into one, which has one ray and one noise."""
         lens = self.intrinsics.binned(factor)
         return RayCamera(self.model, lens, self.T_world_camera, self._lamp_m, self.flaws, self.light, self._finish)
 
@@ -106,7 +106,7 @@ class RayCamera:
         return camera
 
     def render(self, data: mujoco.MjData, rng: np.random.Generator) -> RgbdImage:
-        """Return the image as delivered by the sensor with its flaws, which ``rng`` draws."""
+        """Return the image that the sensor delivers, with flaws drawn from ``rng``."""
         view, shape = self._view(data, shadow=self.flaws.shadow), self.size
         exact, cosine = view.depth.reshape(shape), view.cosine.reshape(shape)
         lit, mirror = view.lit.reshape(shape), view.mirror.reshape(shape)
@@ -114,7 +114,7 @@ class RayCamera:
         return RgbdImage(color, depth, self.intrinsics, float(data.time))
 
     def render_color(self, data: mujoco.MjData, rng: np.random.Generator, gain: float = 1.0) -> NDArray[np.uint8]:
-        """Return the picture (h, w, 3) of an eye without depth: blurred by its lens, with its own noise and gain."""
+        """Return a colour picture (h, w, 3) without depth, blurred by the lens, with its own noise and gain."""
         view = self._view(data, shadow=self.flaws.shadow)
         return expose(view.color.reshape(*self.size, 3) * np.float32(gain), self.flaws.color_sd, rng)
 
@@ -125,7 +125,7 @@ class RayCamera:
         return view.depth.reshape(shape), view.geom.reshape(shape), color.reshape(*shape, 3)
 
     def _view(self, data: mujoco.MjData, shadow: bool) -> _View:
-        """Return what the pixels see: fixed objects are cached, only what may have moved is cast and shaded."""
+        """Return what the pixels see; only pixels where something may have moved are cast again, the rest is cached."""
         fixed = self._fixed_seen(data, shadow)
         view = fixed.each(np.copy)
         covered = self._raster.covered(self.model, data, self._moving, self.T_world_camera)[self._cell]
@@ -139,7 +139,7 @@ class RayCamera:
         return view
 
     def _fixed_seen(self, data: mujoco.MjData, shadow: bool, pixels: NDArray[np.intp] | None = None) -> _View:
-        """Return what these pixels (or all) see of fixed objects; each pixel is cast only once."""
+        """Return what these pixels (None: all) see of fixed objects; each pixel is cast only once."""
         if shadow not in self._fixed:
             self._fixed[shadow] = _View.unseen(len(self._rays))
         fixed = self._fixed[shadow]
@@ -150,7 +150,7 @@ class RayCamera:
         return fixed
 
     def _see(self, view: _View, model: mujoco.MjModel, data: mujoco.MjData, pixels: NDArray[np.intp]) -> None:
-        """Fill in what these pixels' rays meet."""
+        """Fill in depth, geom and normal of what these pixels' rays hit."""
         view.depth[pixels], view.geom[pixels], view.normal_world[pixels] = self._cast(
             model, data, self.T_world_camera.translation_m, self._rays_world[pixels]
         )
@@ -159,7 +159,7 @@ class RayCamera:
     def _shade(
         self, view: _View, model: mujoco.MjModel, data: mujoco.MjData, pixels: NDArray[np.intp], shadow: bool
     ) -> None:
-        """Fill in light, colour, mirroring and incidence of these pixels."""
+        """Fill in light, colour, specular reflection and incidence of these pixels."""
         depth, geom, normal_world = view.depth[pixels], view.geom[pixels], view.normal_world[pixels]
         lit = self._lit(model, data, depth, normal_world, pixels) if shadow else np.isfinite(depth)
         R = self.T_world_camera.rotation.matrix
@@ -174,9 +174,9 @@ class RayCamera:
         view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
 
     def _projector_map(self, fixed: _View) -> tuple[_Raster, NDArray[np.intp]]:
-        """Return a map of where the projector shines on fixed objects, and the cell (n,) in it of what pixels see.
+        """Return a map of the projector's directions to fixed objects, and the cell (n,) of each pixel's point in it.
 
-        All pixels have been cast by then.
+        All pixels must have been cast before.
         """
         if self._lamp_map is None:
             rays = self._rays * np.where(np.isfinite(fixed.depth), fixed.depth, 1.0)[:, None] - self._lamp_m
@@ -187,7 +187,7 @@ class RayCamera:
     def _cast(
         self, model: mujoco.MjModel, data: mujoco.MjData, origin: Array, rays: Array
     ) -> tuple[Array, NDArray[np.int32], Array]:
-        """Return distances (n,) in lengths of their rays, geoms (n,) and normals (n, 3): NaN, -1 and 0 for nothing."""
+        """Return distances (n,) in ray lengths, geoms (n,) and normals (n, 3); NaN, -1 and 0 where nothing is hit."""
         count = len(rays)
         geom, distance, normal = np.full(count, -1, dtype=np.int32), np.full(count, -1.0), np.zeros(3 * count)
         if count:
@@ -199,7 +199,7 @@ class RayCamera:
     def _lit(
         self, model: mujoco.MjModel, data: mujoco.MjData, depth: Array, normal_world: Array, pixels: NDArray[np.intp]
     ) -> NDArray[np.bool_]:
-        """Return which of these pixels' surfaces the projector reaches, by a second batch of rays from it."""
+        """Return which of these pixels' surfaces the projector reaches, by rays from the projector."""
         lit = np.isfinite(depth)
         seen = np.flatnonzero(lit)
         rays = self._rays[pixels[seen]] * depth[seen, None] - self._lamp_m
@@ -212,7 +212,7 @@ class RayCamera:
 
 @dataclass(frozen=True)
 class _View:
-    """What each pixel (n,) sees, whether that is lit, and whether its ray was cast; normal and colour are (n, 3)."""
+    """What each pixel (n,) sees, whether it is lit, and whether its ray was cast; normal and colour are (n, 3)."""
 
     depth: Array
     geom: NDArray[np.int32]
@@ -235,13 +235,13 @@ class _View:
 
 
 class _Raster:
-    """A coarse map of directions x/z, y/z on which the solids' outlines are drawn, conservatively large."""
+    """A coarse map of directions x/z, y/z, in which solids' outlines are drawn, conservatively large."""
 
     CELL_PIXELS = 2.0
     MARGIN_CELLS = 4
 
     def __init__(self, rays: Array, focal_px: float):
-        """Make the map that contains these directions (n, 3), in cells of some pixels at that focal length."""
+        """Make the map that contains these directions (n, 3), in cells of ``CELL_PIXELS`` at this focal length."""
         self.scale = focal_px / self.CELL_PIXELS
         flat, margin = rays[:, :2] / rays[:, 2:], self.MARGIN_CELLS / self.scale
         self.lower = flat.min(0) - margin
@@ -271,7 +271,7 @@ class _Raster:
     def covered(
         self, model: mujoco.MjModel, data: mujoco.MjData, solids: NDArray[np.intp], T_world_eye: SE3
     ) -> NDArray[np.bool_]:
-        """Return for each flat cell whether a ray through it may meet a solid."""
+        """Return for each flat cell whether a ray through it may hit one of these solids, by their bounding boxes."""
         pick = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)]) * 2 - 1
         edges = [(i, i | (1 << k)) for i in range(8) for k in range(3) if not i & (1 << k)]
         boxes = model.geom_aabb[solids]
@@ -296,7 +296,7 @@ class _Raster:
 
 @lru_cache(maxsize=8)
 def _pixels(intrinsics: Intrinsics) -> tuple[Array, _Raster, NDArray[np.intp]]:
-    """Return the rays (n, 3) of a lens, its map, and the cell (n,) of each ray: a lens looks into many worlds."""
+    """Return a lens's rays (n, 3), its map, and the cell (n,) of each ray; cached, since many worlds share a lens."""
     rays = pixel_rays(intrinsics).reshape(-1, 3)
     raster = _Raster(rays, intrinsics.fx)
     cells = raster.index(rays)

@@ -1,4 +1,4 @@
-"""What happened in a simulated cell, tick by tick: arms, bodies, and collisions, each counted once. Simulator truth."""
+"""What happened in a simulated cell, tick by tick: arms, bodies, and collisions. Simulator truth."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 KINDS = ("desired", "commanded", "measured", "true")
 COLLISION_N = 0.5
-"""A touch with less force than this is sliding, not a collision; .5 N does not visibly bend a peg (assumed)."""
+"""A contact with no more force than this is not a collision; .5 N does not visibly bend a peg (assumed)."""
 APART_S = 0.2
-"""A touch that recurs within this time is the same collision."""
+"""A contact that recurs within this time is the same collision."""
 VISIBLE_GROUPS = (0, 1, 2)
 
 
 class CollidingPair(NamedTuple):
-    """Who collides with what: name of the arm; ``arm``, or what it holds; the other arm, or the object that is hit."""
+    """The parts of a collision: name of the arm; ``arm`` or what the arm holds; the other arm or the object hit."""
 
     arm: str
     what: str
@@ -41,13 +41,13 @@ class Collision:
     """One collision of a ``CollidingPair``.
 
     Attributes:
-        time_s: when it began, on the trial's clock.
-        end_s: when it ended.
+        time_s: start on the trial's clock.
+        end_s: end on the trial's clock.
         arm: as in the pair.
-        what: likewise.
-        against: likewise.
+        what: as in the pair.
+        against: as in the pair.
         force_n: largest force while it lasted.
-        p_world_m: where that was.
+        p_world_m: point of the largest force.
     """
 
     time_s: float
@@ -64,11 +64,11 @@ class Record:
     """The true state at every tick.
 
     Attributes:
-        times_s: (n,) clock of the cell, 100 Hz; the first is 0.
+        times_s: (n,) times of the cell's clock, 100 Hz; the first is 0.
         joints: (n, 7) true joints and jaw opening of each arm, by name.
-        T_world_body: (n,) true poses of the bodies that are free, by name.
-        T_world_tip: (n,) true tips of the arms, by name.
-        collisions: in order of time.
+        T_world_body: (n,) true poses of the free bodies, by name.
+        T_world_tip: (n,) true poses of the arms' tips, by name.
+        collisions: all collisions, in order of time.
     """
 
     times_s: Array
@@ -82,12 +82,12 @@ class Recorder:
     """Samples a world and its robot at each tick.
 
     Args:
-        world: simulator truth.
-        robot: the guarded one, whose set-points are what was commanded.
-        jaw_command_rad: returns the opening that an arm's jaws are commanded to.
+        world: the world; simulator truth.
+        robot: the guarded robot, whose set-points are the ``commanded`` joints.
+        jaw_command_rad: returns the commanded opening of an arm's jaws.
 
     Attributes:
-        desired_of: the outermost robot, whose set-points are what the script asked for.
+        desired_of: the outermost robot, whose set-points are the ``desired`` joints, which the script asked for.
     """
 
     def __init__(self, world: World, robot: Robot, jaw_command_rad: Callable[[str], float]):
@@ -130,16 +130,16 @@ class Recorder:
         return {body: poses[:, k] for k, body in enumerate(self._world.free_bodies)}
 
     def arrays(self, start: int = 0) -> dict[str, Array]:
-        """Return what is saved of every cell: joints of the arms and poses of free bodies at 100 Hz.
+        """Return the arrays that every trial saves: joints of the arms and poses of free bodies at 100 Hz.
 
-        ``start`` is the first row; -1: the last row alone.
+        ``start`` is the first row; -1 gives only the last one.
         """
         arrays = {f"{kind}_{name}": rows for kind in KINDS for name, rows in self.joints(kind, start).items()}
         return arrays | {f"body_{body}": rows for body, rows in self.free_poses(start).items()}
 
 
 class ContactMonitor:
-    """Collects collisions: contacts that a world's task counts, and all between two arms."""
+    """Collects collisions: contacts between two arms, and those of a task, if the task's ``counts`` accepts them."""
 
     def __init__(self, world: World):
         self._world = world
@@ -147,7 +147,7 @@ class ContactMonitor:
         self._earlier: list[Collision] = []
 
     def observe(self, time_s: float) -> None:
-        """Take in the contacts of this tick."""
+        """Add the contacts of this tick."""
         world, data, names = self._world, self._world.data, self._world.arm_names
         pairs = data.contact.geom[: data.ncon]
         for contact in range(len(pairs)):
@@ -164,7 +164,7 @@ class ContactMonitor:
                 self._add(pair, Collision(time_s, time_s, *pair, float(force[0]), (x, y, z)))
 
     def _add(self, pair: CollidingPair, now: Collision) -> None:
-        """Prolong this pair's last collision, or begin another one if they were apart."""
+        """Prolong this pair's last collision, or begin another one if the pair was apart."""
         last = self._last.get(pair)
         if last is None or now.time_s - last.end_s > APART_S:
             self._earlier += [] if last is None else [last]
@@ -174,7 +174,7 @@ class ContactMonitor:
             self._last[pair] = replace(strongest, time_s=last.time_s, end_s=now.end_s)
 
     def collisions(self, after_s: float = -1.0, until_s: float = math.inf) -> tuple[Collision, ...]:
-        """Return all so far, or those that began after a time and until another, in order of time."""
+        """Return the collisions so far that began after ``after_s`` and not after ``until_s``, in order of time."""
         found = [
             replace(c, time_s=round(c.time_s, 6), end_s=round(c.end_s, 6), force_n=round(c.force_n, 3))
             for c in (*self._earlier, *self._last.values())

@@ -32,7 +32,7 @@ class SimRobot(Driver):
         self._silent: set[str] = set()
 
     def attach_train(self, name: str, arm: StationArm, train: DriveTrain, cable: JawCable) -> None:
-        """Park an arm of a station; from now on its transmission and its jaws' cable move it."""
+        """Park an arm of a station; from now on, this transmission and this cable of its jaws move it."""
         q_cmd, jaw_rad = arm.park_q(), arm.park_jaw_rad
         q_joint = train.joints(q_cmd)
         self._world.place_arm(name, q_joint, jaw_rad + cable.offset_rad)
@@ -40,11 +40,11 @@ class SimRobot(Driver):
         self._trains[name], self._pulled[name], self._jaws[name] = train, q_joint, (cable, jaw_rad)
 
     def silence(self, name: str, silent: bool = True) -> None:
-        """Stop an arm's readings, as a lost connection does; it still follows its set-points."""
+        """Stop an arm's readings, as a lost connection would; the arm still follows its set-points."""
         (self._silent.add if silent else self._silent.discard)(name)
 
     def tick(self, start_s: float) -> None:
-        """Advance the physics by one period of the controller from this time of the clock on."""
+        """Advance the physics by one period of the controller, starting at this time of the clock."""
         times = start_s + SERVO_S * np.arange(1.0, TICK_SERVOS + 1.0)
         sent = {name: (*self.targets(name, times), self.idle(name)) for name in self.names}
         for name in self.names:
@@ -62,7 +62,7 @@ class SimRobot(Driver):
         self.note(now, readings)
 
     def _pull(self, name: str, q_cmd: Array, jaw_rad: float, over_s: float) -> None:
-        """Set the servos' targets to where the transmission holds the joints after the next command."""
+        """Set the servos' targets to the joints at which the transmission holds the arm after this command."""
         target = self._trains[name].joints(q_cmd)
         velocity = (target - self._pulled[name]) / over_s
         self._pulled[name] = target

@@ -1,4 +1,4 @@
-"""From exact rays to the image of a structured-light camera: colour under its projector, and its flaws."""
+"""Turn exact ray casts into the image of a structured-light camera: colour under its projector, and flaws."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from trocar.lab.station import SensorFlaws
 class Light:
     """The light of the projector and of the room.
 
-    The defaults give plate, table and shadow the grey levels of `images/handover`: 205 60 14, 23 23 17, 52 11 1.
+    The defaults give plate, table and shadow the RGB levels of `images/handover`: 205 60 14, 23 23 17, 52 11 1.
 
     Attributes:
-        ambient: share of the light that comes from all directions.
-        gain: of the whole exposure.
+        ambient: light from all directions, as a share of the projector's at ``reference_m``.
+        gain: gain of the whole exposure.
         reference_m: distance from the projector at which its light has power 1.
     """
 
@@ -34,9 +34,9 @@ METAL_SATURATION = 0.35
 METAL_BRIGHTNESS = 0.4
 MIRROR_EXPONENT = 80.0
 EDGE_M = 1.5e-3
-"""Second difference of depth that makes an edge; smooth surfaces stay below it up to 75 deg."""
+"""Second difference of depth above which a pixel is at an edge; smooth surfaces stay below it up to 75 deg."""
 MUJOCO_GREY = (0.5, 0.5, 0.5, 1.0)
-"""Default colour of a geom without its own; the colour of its material is then used."""
+"""MuJoCo's default colour of a geom; a geom with it gets the colour of its material."""
 LENS_BLUR_PX = 0.6
 """SD of the lens's point spread function (assumed)."""
 
@@ -51,17 +51,17 @@ def shade(
     projector_m: ArrayLike,
     light: Light,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return colour (n, 3) in [0, 1] by Lambert's law under the projector, and how much of it metal mirrors (n,).
+    """Return colour (n, 3) in [0, 1] by Lambert's law under the projector, and the metal's specular part of it (n,).
 
     Args:
-        model: for the colours of geoms and materials.
-        rays: (n, 3) in the camera frame, z = 1; there too: outward ``normal`` (n, 3) and ``projector_m`` (3,).
-        depth_m: (n,), NaN where nothing was hit.
-        geom: (n,) ids, -1 for nothing.
-        normal: see ``rays``.
+        model: MuJoCo's model, for the colours of geoms and materials.
+        rays: (n, 3) rays in the camera frame, z = 1.
+        depth_m: (n,) depth, NaN where nothing was hit.
+        geom: (n,) ids of geoms, -1 for nothing.
+        normal: (n, 3) outward normals in the camera frame.
         lit: (n,) whether the projector reaches the point.
-        projector_m: see ``rays``.
-        light: its power.
+        projector_m: (3,) position of the projector in the camera frame.
+        light: the light.
     """
     albedo = model.geom_rgba[:, :3].astype(np.float32)
     with_material = (model.geom_matid >= 0) & (model.geom_rgba == MUJOCO_GREY).all(-1)
@@ -101,7 +101,7 @@ def apply_flaws(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Return depth (h, w) float32 and colour (h, w, 3) uint8 as the sensor delivers them.
 
-    The same number of random values is drawn whatever is in view, so a seed gives the same sensor in every scene.
+    The number of random values does not depend on the scene, so a seed gives the same sensor noise in every scene.
     """
     shape = depth_m.shape
     white = rng.standard_normal(shape, dtype=np.float32)
@@ -131,12 +131,12 @@ def apply_flaws(
 
 
 def expose(color: NDArray[np.float32], sd: float, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return the picture (h, w, 3) of an eye: slightly blurred, with independent noise in each channel.
+    """Return the picture (h, w, 3) of a colour camera: slightly blurred, with independent noise in each channel.
 
     Args:
-        color: (h, w, 3) in [0, 1], or brighter where the eye saturates.
-        sd: of the noise in grey levels at full brightness; it grows with the root of the light.
-        rng: draws the noise.
+        color: (h, w, 3) in [0, 1], or brighter where the camera saturates.
+        sd: scale of the noise in grey levels; the noise grows with the root of the light.
+        rng: random numbers of the noise.
     """
     blurred = cv2.GaussianBlur(color, (0, 0), LENS_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
     grain = rng.standard_normal(color.shape, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""A simulated cell as MuJoCo's ``MjSpec``, made from the arms' models; no number of a robot is repeated here."""
+"""A simulated cell as MuJoCo's ``MjSpec``, made from the arms' models; no robot's dimensions are repeated here."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ UNSEEN_GROUP = 4
 """Group of geoms that no camera sees."""
 
 STOP_CLOSED_RAD, STOP_BEYOND_RAD = 0.0, 0.1
-"""Stops of one finger: the other finger, and this far beyond the arm's widest opening. They are stiff: under the
-drive's force they yield by 2e-5 rad."""
+"""Stops of one finger: at the middle, where it meets the other finger, and this far beyond the widest opening. The
+stops are stiff: under the drive's force they yield by 2e-5 rad."""
 STOP_SOLREF, STOP_SOLIMP = (0.002, 1.0), (0.99, 0.9999, 0.0001, 0.5, 2.0)
 """MuJoCo's parameters of these stops; with its defaults, closed jaws would read -.015 rad."""
 JAW_STIFFNESS_NM_RAD = 1.5
@@ -48,13 +48,13 @@ SHAPES = {
 
 @dataclass(frozen=True)
 class Servo:
-    """Spring and inertia between the joint's target and the joint: the stiffness that the stretching cables leave.
+    """Stiffness and inertia with which each joint follows its target; elastic cables limit the stiffness.
 
-    Estimated, so that the tip yields about 1 mm/N; no source gives these for the PSM or the Raven.
+    Estimated so that the tip yields by about 1 mm/N; no source gives these numbers for the PSM or the Raven.
 
     Attributes:
-        stiffness: N m/rad, or N/m if prismatic, one per joint.
-        inertia: reflected inertia kg m^2, or kg if prismatic, one per joint; damping is critical.
+        stiffness: stiffness of each joint, N m/rad, or N/m if prismatic.
+        inertia: reflected inertia of each joint, kg m^2, or kg if prismatic; damping is critical.
         jaw_torque_nm: largest torque of the jaw drive on one finger.
         jaw_inertia_kg_m2: reflected inertia of the jaw drive.
     """
@@ -71,18 +71,18 @@ class Servo:
 
 
 SERVO = Servo()
-"""That of every simulated arm."""
+"""The servo of every simulated arm."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Contact of the solids: dry printed ABS, serrated jaws (assumed).
+    """Contact parameters: dry printed ABS, serrated jaws (assumed).
 
     Attributes:
-        abs_friction: of blocks, pegs and plate on each other.
-        jaw_friction: of the jaws' teeth on a block.
-        patch_m: lengths of torsional and rolling friction; the jaws hold by patches of some square millimetres, and
-            with mere contact points objects would turn.
+        abs_friction: friction of blocks, pegs and plate on each other.
+        jaw_friction: friction of the jaws' teeth on a block.
+        patch_m: lengths of torsional and rolling friction. Real jaws hold by patches of some square millimetres; with
+            mere contact points, objects would turn.
         solref: MuJoCo's time constant and damping ratio of contacts.
         solimp: MuJoCo's impedance of contacts: .05 mm of penetration at the jaws' grip.
     """
@@ -99,11 +99,11 @@ class CellArms:
     """The arms of a cell by name, as the simulator needs them.
 
     Attributes:
-        models: of the arms.
-        T_world_base: true poses of their bases.
+        models: models of the arms.
+        T_world_base: true poses of the bases.
         surface: contact parameters.
-        fixtures: spheres for calibration on their instruments.
-        q_start: joints (6,) in MuJoCo's state as loaded; zero if not given.
+        fixtures: spheres for calibration on the instruments.
+        q_start: joints (6,) in MuJoCo's initial state; zero if not given.
     """
 
     models: Mapping[str, ArmModel]
@@ -114,7 +114,7 @@ class CellArms:
 
 
 def digits(values: ArrayLike) -> Array:
-    """Return numbers rounded to sixteen digits: as a model file would have them, so that both give the same trials."""
+    """Return numbers rounded to the sixteen digits of a model file, so that spec and file give the same trials."""
     values = np.asarray(values, dtype=np.float64)
     return np.array([float(f"{value:.16g}") for value in values.flat]).reshape(values.shape)
 
@@ -128,8 +128,8 @@ def cell_spec(arms: CellArms, add_bodies: Callable[[mujoco.MjSpec], None], *, sl
     """Return a cell: a task's bodies, and arms on position servos, each with its own collision bit.
 
     Args:
-        arms: of the cell.
-        add_bodies: adds what is not an arm.
+        arms: the arms of the cell.
+        add_bodies: adds the bodies that are not arms.
         sleeps: whether bodies at rest may be left out of the physics until something touches them.
     """
     spec = _empty_spec(arms.surface, sleeps)
@@ -138,13 +138,13 @@ def cell_spec(arms: CellArms, add_bodies: Callable[[mujoco.MjSpec], None], *, sl
         body.name = body.name or f"body {number}"  # replays know bodies by name
     for index, name in enumerate(arms.models):
         bit = SOLID["contype"] << (index + 1)
-        # everything but the same instrument, whose neighbouring links overlap at their joints
+        # an arm collides with everything but itself, because its neighbouring links overlap at their joints
         _add_arm(spec, arms, name, {"contype": bit, "conaffinity": ALL_BITS & ~bit})
     return spec
 
 
 def _empty_spec(surface: Surface, sleeps: bool) -> mujoco.MjSpec:
-    """Return a spec without bodies, with the solver and the contacts of all cells."""
+    """Return a spec without bodies, with the solver and contact settings of all cells."""
     spec = mujoco.MjSpec()
     spec.modelname = "trocar"
     spec.compiler.degree = False
@@ -187,7 +187,7 @@ def _add_arm(spec: mujoco.MjSpec, arms: CellArms, name: str, bits: Mapping[str, 
 
 
 def _inertia(mass: float, moment: float, x_m: float = 0.0) -> dict[str, Any]:
-    """Return the attributes of a body whose mass is given, whatever its geoms are."""
+    """Return the attributes of a body with a given mass, independent of its geoms."""
     return {"explicitinertial": True, "mass": mass, "inertia": (moment,) * 3, "ipos": (x_m, 0, 0)}
 
 
@@ -206,7 +206,7 @@ def _add_finger(
     """Attach a finger, left (1) or right (-1), with its marks, to the yaw link."""
     arm, which = arms.models[name], "left" if side > 0 else "right"
     shape, label = arm.instrument, f"{name}_finger_{which}"
-    along_y = SE3.from_parts(SO3.axis("z", np.pi / 2))  # a finger's x is y of frame 6, which the jaws point along
+    along_y = SE3.from_parts(SO3.axis("z", np.pi / 2))  # a finger's x is frame 6's y, along which the jaws point
     widest = 0.5 * arm.jaw.upper + STOP_BEYOND_RAD
     finger = yaw.add_body(name=label, gravcomp=1, **placed(along_y), **_inertia(0.001, 1e-8, 0.005))
     finger.add_joint(
@@ -232,7 +232,7 @@ def _add_finger(
             size=(*digits((shape.marks.radius_m, half)), 0),
             pos=digits(center),
             rgba=(*shape.marks.colors[0 if side > 0 else 1], 1),
-            **bits,  # rays miss geoms that nothing collides with if the body's other geoms are not near
+            **bits,  # rays miss a geom that collides with nothing, unless the body's other geoms are near it
         )
 
 
@@ -241,7 +241,7 @@ def _add_fixture(
 ) -> None:
     """Attach a fixture's spheres to the roll link (frame 4) and the yaw link (frame 6) of an arm.
 
-    They collide, like the marks, so that rays do not miss them.
+    The spheres collide, like the marks, so that rays do not miss them.
     """
     centers = fixture.frame_centers_m(arm)
     for number, (sphere, center) in enumerate(zip(fixture.spheres, centers, strict=True)):
@@ -265,7 +265,7 @@ def _add_fixture(
 
 
 def _add_drives(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
-    """Add a spring to the target and a feed-forward motor for each joint; the two fingers are coupled."""
+    """Add a position servo and a feed-forward motor for each joint, and one servo for the two coupled fingers."""
 
     def drive(label: str, joint: str, **attributes: Any) -> mujoco.MjsActuator:
         return spec.add_actuator(name=label, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint, **attributes)

@@ -1,4 +1,4 @@
-"""A station as a model for MuJoCo's own viewer and for other programs: actuators, sensors and frames by name."""
+"""A station as a MuJoCo model for its own viewer and other programs, with actuators, sensors and frames by name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trocar.sim.spec import JAW_STIFFNESS_NM_RAD, SERVO, SOLID, CellArms, cell_s
 from trocar.sim.world import TaskWorld
 
 PARK = "park"
-"""Name of the keyframe in which the arms rest where the station parks them."""
+"""Name of the keyframe in which the arms are parked."""
 TABLE = "table"
 TABLE_RGB = (0.30, 0.32, 0.34)
 FIXTURE_RGB = (0.85, 0.55, 0.10)
@@ -33,16 +33,20 @@ def station_mjcf(station: Station, task: TaskWorld | None = None) -> str:
 def station_spec(station: Station, task: TaskWorld | None = None) -> mujoco.MjSpec:
     """Return a station as a MuJoCo model specification: the nominal laboratory, with joints that follow exactly.
 
-    As loaded, each arm is, and is commanded to be, as near to zero as its joints' ranges allow; the keyframe
-    :data:`PARK` has it where the station parks it. Of each arm ``ARM`` and joint ``JOINT`` there are the joint and the
-    position actuator ``ARM_JOINT`` (rad, m), the sensors ``ARM_JOINT_position``, ``_velocity`` and ``_effort``; for the
-    opening of the jaws the actuator ``ARM_jaw`` (rad) and the sensors ``ARM_jaw_position`` and ``_velocity``; the sites
-    ``ARM_base``, which is the remote centre, and ``ARM_tip``, and where the tip is in the base the sensors
-    ``ARM_tip_position`` and ``ARM_tip_orientation`` (wxyz). Fixtures are sites, cameras are cameras.
+    Initially each arm is, and is commanded to be, as near to zero as its joints' ranges allow; in the keyframe
+    :data:`PARK` it is parked. The model has, for each arm ``ARM`` and joint ``JOINT``:
+
+    - the joint and its position actuator ``ARM_JOINT`` (rad, m), with sensors ``ARM_JOINT_position``, ``_velocity`` and
+      ``_effort``;
+    - for the opening of the jaws, the actuator ``ARM_jaw`` (rad), with sensors ``ARM_jaw_position`` and ``_velocity``;
+    - the sites ``ARM_base`` (the remote centre) and ``ARM_tip``, with sensors of the tip's pose in the base,
+      ``ARM_tip_position`` and ``ARM_tip_orientation`` (wxyz).
+
+    Fixtures are sites, cameras are cameras.
 
     Args:
-        station: whose arms, table, fixtures and cameras.
-        task: what lies on the table; None: nothing.
+        station: the station.
+        task: adds what lies on the table; None: only the table itself.
     """
     starts = {name: np.clip(np.zeros(6), arm.lower, arm.upper) for name, arm in station.models.items()}
     arms = CellArms(station.models, {name: arm.T_world_base for name, arm in station.arms.items()}, q_start=starts)
@@ -66,7 +70,7 @@ def station_spec(station: Station, task: TaskWorld | None = None) -> mujoco.MjSp
 
 
 def _add_table(spec: mujoco.MjSpec, station: Station) -> None:
-    """Add a table at the station's fixture of that name, else a plane at the lowest fixture."""
+    """Add a table at the station's fixture ``table``, or else at the height of the lowest fixture."""
     fixtures = station.T_world_fixture
     if not fixtures:
         return
@@ -77,7 +81,7 @@ def _add_table(spec: mujoco.MjSpec, station: Station) -> None:
 
 
 def _add_light(spec: mujoco.MjSpec, station: Station) -> None:
-    """Light the scene, and start a viewer where all tips and remote centres are visible."""
+    """Light the scene, and set a viewer's initial view to show all tips and remote centres."""
     places = [arm.T_world_base.translation_m for arm in station.arms.values()]
     places += [(arm.T_world_base @ fk(arm.model, arm.park_q())).translation_m for arm in station.arms.values()]
     middle, extent = np.mean(places, axis=0), 0.15 + float(np.ptp(places, axis=0).max())
@@ -92,7 +96,7 @@ def _add_light(spec: mujoco.MjSpec, station: Station) -> None:
 
 
 def _add_camera(spec: mujoco.MjSpec, name: str, camera: StationCamera) -> None:
-    """Add an ideal camera with the field of view of a station's: of a pair, one for each side."""
+    """Add an ideal camera with the field of view of a station's camera; for a pair, one for each side."""
     model, T_left = camera.model, camera.T_world_camera
     if isinstance(model, StereoRig):
         lenses = {f"{name}_left": (model.left, T_left), f"{name}_right": (model.right, T_left @ model.T_left_right)}
@@ -114,10 +118,10 @@ def _add_sites(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
 
 
 def _set_drives(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
-    """Leave one actuator a joint, within its range, and one for the opening between both fingers.
+    """Leave one actuator per joint, limited to its range, and one for the opening between both fingers.
 
-    The simulator's own jaw drive pulls at half the opening; a tendon over both fingers has the same stiffness and force
-    for the whole of it.
+    The simulator's own jaw drive acts on one finger, that is, on half the opening; a tendon over both fingers has the
+    same stiffness and force for the whole opening.
     """
     for joint in arm.joints:
         label = f"{name}_{joint.name}"
@@ -157,7 +161,7 @@ def _add_sensors(spec: mujoco.MjSpec, name: str, arm: ArmModel) -> None:
 
 
 def _add_park(spec: mujoco.MjSpec, station: Station) -> None:
-    """Add the keyframe in which the arms rest as defined by the station; all else is as loaded."""
+    """Add the keyframe in which the arms are parked; all else is as in the initial state."""
     model = spec.compile()
     qpos, ctrl = model.qpos0.copy(), np.zeros(model.nu)
     for name, arm in station.arms.items():

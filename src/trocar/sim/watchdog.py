@@ -1,4 +1,4 @@
-"""Ctrl-C while a cell runs, and scripts that let no time pass."""
+"""Handle Ctrl-C while a cell runs, and scripts that let no time pass."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from trocar.interruption import interrupts
 LOOK_S = 0.25
 """Wall-clock time between two looks at the cell's clock."""
 PATIENCE_S = 0.5
-"""After Ctrl-C a script that lets no time pass for this long is ended at whatever line it is."""
+"""After Ctrl-C, a script that lets no time pass for this long is ended at whatever line it is."""
 WARNING_S = 10.0
-"""A script that lets no time pass for this long is named in a warning."""
+"""A warning names a script that lets no time pass for this long."""
 
 PACKAGE = str(Path(__file__).parents[1])
 LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib"))
@@ -28,14 +28,14 @@ LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", 
 class Watchdog:
     """Ends a running cell on Ctrl-C.
 
-    The first Ctrl-C is only noted, in :attr:`asked`: the cell reads it at its next tick and ends its scripts there. If
-    no tick comes, because a script computes or loops, ``KeyboardInterrupt`` is raised in the script, and raised again
-    if something swallows it, as Python does in a destructor. In any thread but the main one, and where Ctrl-C is
-    handled by somebody else, it does nothing.
+    The first Ctrl-C only sets :attr:`asked`: the cell reads it at its next tick and ends its scripts there. If no tick
+    comes, because a script computes or loops, the watchdog raises ``KeyboardInterrupt`` in the script, and again if
+    something swallows it, as Python does in a destructor. Outside the main thread, and where another handler takes
+    Ctrl-C, the watchdog does nothing.
 
     Args:
-        now_s: the cell's clock.
-        in_script: whether a script is what runs now, and not what brings the arms to rest.
+        now_s: returns the time of the cell's clock.
+        in_script: returns whether a script runs now, rather than the physics or the braking of the arms.
 
     Attributes:
         asked: whether Ctrl-C was pressed.
@@ -81,14 +81,14 @@ class Watchdog:
                 _thread.interrupt_main()  # calls the handler again, in the main thread
             elif idle_s >= WARNING_S and not told and self._in_script():
                 told = True
-                line = line_of_script(sys._current_frames().get(self._main))  # all frames have no public door
+                line = line_of_script(sys._current_frames().get(self._main))  # no public function does this
                 logging.getLogger("trocar").warning(
                     "a script has let no time pass for %.0f s: %s; Ctrl-C ends it", idle_s, line or "in a library"
                 )
 
 
 def line_of_script(frame: FrameType | None) -> str:
-    """Return in words which line of a user's file runs, or else which of a task; empty if neither does."""
+    """Return file and line of a user's file that runs, or else of a task's; empty if neither does."""
     ours = ""
     while frame is not None:
         file = frame.f_code.co_filename

@@ -1,4 +1,4 @@
-"""The physics of one cell, and a task's part of it: bodies, what acts on them, what its referee observes."""
+"""The physics of one cell, and a task's part of it: bodies, forces on them, and the task's referee."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PhysicsError(TrocarError):
     """The simulation became unstable; the trial is void.
 
     Attributes:
-        time_s: when, on the clock of the physics.
+        time_s: time on the clock of the physics.
     """
 
     def __init__(self, time_s: float):
@@ -45,49 +45,49 @@ class TaskWorld:
     sleeps = False
 
     def add(self, spec: mujoco.MjSpec) -> None:
-        """Add bodies to MuJoCo's model specification, ``spec.worldbody`` first of all.
+        """Add bodies to MuJoCo's model specification, usually to ``spec.worldbody``.
 
         ``trocar.sim.spec`` has attributes for poses and collisions. A body with a free joint is recorded and replayed
         by its name.
         """
 
     def start(self, world: World) -> None:
-        """Look up ids in the finished world; called once, with the arms in their places."""
+        """Look up ids in the finished world; called once, when the arms are parked."""
 
     def act(self) -> None:
-        """Apply effects that MuJoCo does not model; called before every few steps of the physics."""
+        """Apply effects that MuJoCo does not model; called each time before the physics advances by a few steps."""
 
     def collision(self, first: int, second: int) -> CollidingPair | None:
-        """Return who collides with what if a contact between these two geoms counts as a collision, else None.
+        """Return the colliding pair if a contact between these two geoms counts as a collision, else None.
 
-        Contacts between two arms are already handled.
+        It is not called for contacts between two arms, whose pair is known.
         """
         del first, second
         return None
 
     def counts(self, pair: CollidingPair, normal: Array) -> bool:
-        """Return whether a contact with this normal (3,) counts; asked only of contacts with some force."""
+        """Return whether a pair's contact with this normal (3,) counts; called for forces above ``COLLISION_N``."""
         del pair, normal
         return True
 
     def observe(self, time_s: float) -> None:
-        """Observe the world; called after each tick of the controller, before ``collision`` is for its contacts."""
+        """Observe the world; called after each tick of the controller, before :meth:`collision` for its contacts."""
 
     def errand(self, goal: Any) -> tuple[Array, Array] | None:
-        """Return where (3,) in the world a goal's object is now, and where it belongs; None: that cannot be said.
+        """Return present and wanted position (3,), in the world, of a goal's object; None if there is none.
 
-        Only dense rewards use it (``trocar.learn``). The goals are asked about in order, each from when it is the next
-        one until it is reached.
+        Only dense rewards use it (``trocar.learn``). It is called for the goals in order, for each while it is the next
+        one to be reached.
         """
         del goal
         return None
 
     def truth(self, record: Record) -> Any:
-        """Return what really happened, only for the task's score."""
+        """Return the task's truth, only for the task's score."""
         return record
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:
-        """Return what is saved for the task's own pictures, beside joints and poses."""
+        """Return arrays to save for the task's own pictures, in addition to joints and poses."""
         del record
         return {}
 
@@ -114,19 +114,19 @@ class World:
     """Bodies, contacts and drives of the simulated cell. Only the simulator and the referee may look inside.
 
     Args:
-        models: of the arms by name.
+        models: models of the arms by name.
         T_world_base: true pose of each arm's base.
-        task: what the task puts into the world; None: nothing.
+        task: the task's side of the world; None: nothing.
         surface: contact parameters.
         fixtures: spheres for calibration, by the arm whose instrument carries them.
 
     Attributes:
         models: as given; so are ``T_world_base`` and ``task``.
-        model: MuJoCo's.
-        data: MuJoCo's.
-        arms: indices of each arm by name.
-        arm_names: in order.
-        geom_arm: for each geom the number of its arm, or -1.
+        model: MuJoCo's model.
+        data: MuJoCo's data.
+        arms: indices of each arm in MuJoCo's arrays, by name.
+        arm_names: names of the arms, in order.
+        geom_arm: number of each geom's arm, or -1.
         free_bodies: names of the bodies with a free joint.
     """
 
@@ -143,7 +143,7 @@ class World:
         arms = CellArms(models, T_world_base, surface or Surface(), fixtures or {})
         self.model = cell_spec(arms, self.task.add, sleeps=self.task.sleeps).compile()
         self.data = mujoco.MjData(self.model)
-        self._warnings = self.data.warning.number  # number of each kind; MuJoCo writes into it
+        self._warnings = self.data.warning.number  # counts of each kind, a view that MuJoCo updates
         self.arms = {name: self._index(name, arm) for name, arm in models.items()}
         self.arm_names = tuple(models)
         self.geom_arm = np.full(self.model.ngeom, -1)
@@ -173,7 +173,7 @@ class World:
         return np.array([g for g, name in enumerate(names) if name.startswith(prefix)], dtype=np.intp)
 
     def place_arm(self, name: str, q_joint: Array, jaw_rad: float) -> None:
-        """Put an arm at rest at these joints (6,), its drives holding it there."""
+        """Put an arm at rest at these joints (6,), where its drives hold it."""
         index = self.arms[name]
         self.data.qpos[index.qpos] = q_joint
         self.data.qpos[index.jaw_qpos] = jaw_rad / 2
@@ -190,7 +190,7 @@ class World:
         self.data.ctrl[index.jaw_drive] = jaw_rad / 2
 
     def step(self, count: int) -> None:
-        """Advance the physics by ``count`` steps."""
+        """Advance the physics by ``count`` steps (PhysicsError: it became unstable)."""
         self.task.act()
         mujoco.mj_step(self.model, self.data, count)
         if any(self._warnings[kind] for kind in UNSTABLE):
@@ -198,7 +198,7 @@ class World:
 
     @property
     def time_s(self) -> float:
-        """Return the clock of the physics."""
+        """Return the time of the physics' clock."""
         return float(self.data.time)
 
     def joints(self, name: str) -> Array:
@@ -233,17 +233,17 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 def state_of(world: World) -> bytes:
-    """Return everything that determines the physics from here on, so that another process can see it: kilobytes."""
+    """Return the state that determines the physics from here on, a few kilobytes, to show it in another process."""
     state = np.empty(mujoco.mj_stateSize(world.model, STATE))
     mujoco.mj_getState(world.model, world.data, state, STATE)
     return state.tobytes()
 
 
 class WorldCopy:
-    """The bodies of a world in another process.
+    """A copy of a world's bodies in another process.
 
     Attributes:
-        data: of the physics; its bodies are in their places.
+        data: MuJoCo's data, with the bodies at their poses.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -251,6 +251,6 @@ class WorldCopy:
         mujoco.mj_kinematics(model, self.data)
 
     def put(self, state: bytes) -> None:
-        """Bring it into a state that :func:`state_of` returned."""
+        """Move the bodies into a state that :func:`state_of` returned."""
         mujoco.mj_setState(self._model, self.data, np.frombuffer(state), STATE)
         mujoco.mj_kinematics(self._model, self.data)
