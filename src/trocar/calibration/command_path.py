@@ -52,12 +52,12 @@ class CommandRequest:
     """What one arm's joints should do, and where its commands are now.
 
     Attributes:
-        memory: memory of the cables after the last command that was sent.
+        memory: state of the cables after the last sent command.
         desired: motion of the true joints (rad, m), from its first knot on. It may start and end in motion; after an
             end in motion it is braked to rest.
         q_start: (6,) command that is being sent now. It may differ from what the model expects there.
         velocity_start: (6,) velocity of this command.
-        limits: limits of the commands' velocity and acceleration.
+        limits: the commands' velocity and acceleration limits.
         lower: (6,) least commands. Commands may go lower where the desired joints do.
         upper: (6,) greatest commands, likewise.
     """
@@ -90,7 +90,7 @@ class CommandPath:
         lacking: (6,) by how much the commands would have to leave their ranges to compensate fully, rad and m.
         farthest: (6,) each joint's command nearest to, or farthest beyond, an end of its range, if ranges were ignored.
         stretch: factor by which the motion was slowed down; 1 if it was not.
-        memory: memory of the cables at the start.
+        memory: state of the cables at the start.
     """
 
     commands: Trajectory
@@ -269,7 +269,7 @@ def _fitted(sketch: InitialCommands, stretch: float) -> _Fit | None:
         return None
     roughly = fit.predict(x)
     if roughly.response is None:
-        # Other models are less accurate than Algorithm 1 is precise: refinement would bring the joints no nearer.
+        # Refinement would not help other models: their own errors exceed what Algorithm 1 leaves.
         return _Fit(sketch, stretch, fit, roughly, float(np.max(LEVER * np.abs(x[-1] - sketch.end))))
     best = _ended(sketch, fit, fit.refine(roughly))
     return _Fit(sketch, stretch, fit, best, best.end_error)
@@ -302,7 +302,7 @@ def _weights(spline: QuadraticSpline) -> Array:
 
 
 def _last_command(sketch: InitialCommands, fit: CommandFit, fitted: Fitted, since_s: float) -> Array:
-    """Return the command (6,) that puts the joints at their goal, going straight there from the path at a time."""
+    """Return the command (6,) that puts the joints at their goal, if the path went straight there from a time on."""
     if fitted.response is None:
         return sketch.end
     sent = fit.paths.spline.trajectory(fit.paths.points(fitted.x))

@@ -75,7 +75,7 @@ class QuadraticSpline:
 
         Args:
             speed: (joints,) at the start; low enough to stop within the path's time.
-            limits: limits of velocity and acceleration.
+            limits: velocity and acceleration limits.
         """
         since, push = (self.times_s - self.times_s[0])[:, None], limits.acceleration
         forward_s = (since[-1] - speed / push) / 2

@@ -1,4 +1,4 @@
-"""Calibrate one arm from images: measure the joints, fit and evaluate a cable model, draw the picture and the table."""
+"""Calibrate one arm from images: measure its joints, fit and evaluate a cable model, draw picture and table."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def calibrated(
         folder: gets ``recording_ARM.npz`` and ``cables_ARM.npz``.
         model: name of the cable model, fitted on the first rows; None: none is fitted.
         fraction: share of the rows that the model is fitted on; the rest is for its evaluation.
-        rng: random numbers of the fit.
+        rng: random numbers for the fit.
     """
     folder, arm = Path(folder), collection.arm
     measured = collection.measured(centers)

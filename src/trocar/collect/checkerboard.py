@@ -148,7 +148,7 @@ def register_cell(
     Args:
         station: the cell.
         seeds: seeds of the person's hand, the brackets' errors and the images.
-        flaws: flaws of the camera, in place of the station's.
+        flaws: override those of the station's camera.
         listener: called after each image.
 
     Raises:

@@ -48,13 +48,13 @@ class Collection(CollectionPlan):
 
         Args:
             session: the day whose cables and camera are used.
-            arm: name of the arm.
+            arm: the arm's name.
             box: range of the motion.
-            seeds: seeds of everything random.
+            seeds: seeds of all random numbers.
             rows: number of samples.
-            every: an image is taken of every so-many-th sample.
+            every: number of samples per image.
             wide: whether the motion is the short one of wide swings.
-            flaws: flaws of the camera, in place of the station's.
+            flaws: override those of the station's camera.
         """
         station = session.station
         self._session, self._flaws, self._every = session, flaws, every

@@ -30,7 +30,7 @@ class RobotCollection(CollectionPlan):
 
     Args:
         station: the station, with its bases and camera as registered.
-        arm: name of the arm.
+        arm: the arm's name.
         seeds: seeds of the motion.
         rows: number of samples.
         wide: whether the motion is the short one of wide swings.

@@ -26,12 +26,12 @@ Listener = Callable[[int, int], None]  # called with the number of rows done and
 
 
 class CollectionPlan:
-    """The commands of one arm that wears the spheres, and the measurement of its joints from the spheres' centres.
+    """The commands of one arm that wears the spheres, and its joints measured from the spheres' centres.
 
     Attributes:
-        arm: name of the arm.
-        T_world_camera: pose of the camera, as registered.
-        view: view of the camera, as registered.
+        arm: the arm's name.
+        T_world_camera: registered pose of the camera.
+        view: the camera's view, as registered.
         fixture: the spheres, as designed.
         q_cmd: (n, 6) commands; the first ``unseen`` take up the slack and get no image.
         t_s: (n,) time of each row on the robot; NaN while it is unknown.
@@ -54,11 +54,11 @@ class CollectionPlan:
         """Choose the commands.
 
         Args:
-            arm: name of the arm.
-            model: model of the arm.
-            lens: lens of the camera.
-            T_world_camera: pose of the camera, as registered.
-            T_world_base: pose of the base, as registered.
+            arm: the arm's name.
+            model: the arm's model.
+            lens: the camera's lens.
+            T_world_camera: registered pose of the camera.
+            T_world_base: registered pose of the base.
             box: range of the motion.
             rows: number of samples.
             motion: seeds of the motion.

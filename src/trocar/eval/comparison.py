@@ -40,7 +40,7 @@ class Difference:
     Attributes:
         sessions: number of sessions that both conditions have.
         mean: mean of the differences; NaN without a session.
-        low: lower end of the 95 % interval of Student's t over the differences; None for fewer than two sessions.
+        low: lower end of the 95 % interval of Student's t; None for fewer than two sessions.
         high: upper end, likewise.
         p: probability of a mean at least this far in the tested direction by chance (one-sided).
     """
@@ -56,7 +56,7 @@ def session_estimate(values: Mapping[int, Sequence[float]]) -> Estimate:
     """Return the mean over sessions with the 95 % interval of Student's t over the sessions' means.
 
     Args:
-        values: values of the trials, by session.
+        values: the trials' values, by session.
 
     Raises:
         InvalidInput: there is no session.
@@ -130,8 +130,8 @@ def session_difference(
     """Return the difference between two conditions in the same sessions.
 
     Each session gives one difference of means. If the conditions did not differ, each difference could equally have the
-    other sign. So the p-value is the share of all sign patterns (of drawn ones for more than 14 sessions) with a mean
-    at least as far in the tested direction. It assumes no distribution, and with n sessions it cannot be below 2^-n.
+    other sign. So p is the share of all sign patterns (of drawn ones for more than 14 sessions) with a mean at least as
+    far in the tested direction. It assumes no distribution, and with n sessions it cannot be below 2^-n.
 
     Args:
         first: values of the trials, by session.

@@ -164,7 +164,6 @@ class RunConfig:
         self._start_from_prior(method)
 
     def _refuse_simulated(self) -> None:
-        """Refuse options of simulated sessions."""
         for field_ in fields(self):
             if field_.name in OF_SIMULATION and getattr(self, field_.name) != field_.default:
                 problem = f"is for simulated sessions, and --robot {self.robot} drives real arms"

@@ -73,7 +73,7 @@ def play(
         order: the trial.
         listener: called with each event of the scripts.
         raise_errors: whether an exception of the agent is raised; else it ends the trial, which keeps its traceback.
-        attendant: attends the trial while it runs.
+        attendant: a person beside the trial.
     """
     _require_folder(order.folder)
     if is_done(order.folder, (order.session, order.index), order.config.fingerprint):
@@ -116,13 +116,13 @@ def play_run(
     """Run trials of one run; as they end, yield a sentence for each trial with which something is wrong.
 
     Args:
-        config: configuration of the run.
-        folder: folder of the run.
+        config: the run's configuration.
+        folder: the run's folder.
         todo: session and number of each trial.
         jobs: number of trials that run at once; if more than one, each in its own process.
         tick: called with the progress.
         raise_errors: as in :func:`play`; only with one job.
-        attendant: attends the trials; only with one job.
+        attendant: a person beside the trials; only with one job.
     """
     folder = Path(folder).absolute()
     orders = [TrialOrder(config, folder, *place) for place in todo]
@@ -237,7 +237,7 @@ def run(
         task: name of the task.
         out: folder for the files; None: ``out/TASK-METHOD-SEED-DIGEST``.
         jobs: number of trials that run at once; if more than one, each in its own process.
-        settings: settings of the method that differ from their defaults, by name.
+        settings: the method's settings that differ from their defaults, by name.
         options: options of the task and of the run (:class:`trocar.eval.config.RunConfig`).
 
     Raises:

@@ -41,7 +41,7 @@ class AgentContext:
         planner: plans the agent's motions.
         perception: turns images into poses; None if the task has none.
         rng: the agent's own random generator.
-        settings: settings of the method.
+        settings: the method's settings.
         objects: makes the ``Objects`` from which a policy sees the task's objects; None if the task has none.
     """
 

@@ -20,7 +20,7 @@ class Objects(Protocol):
     One is made for each trial from the cell, the goals, what is known beforehand (``Task.nominal``), and a perception.
 
     Attributes:
-        names: names of the numbers.
+        names: the numbers' names.
     """
 
     names: Sequence[str]

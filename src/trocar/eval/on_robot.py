@@ -41,10 +41,10 @@ def run_on_robot(
     (``Task.told``), and ``Trial.on_robot`` says so.
 
     Args:
-        config: configuration of the run, with ``robot``.
-        index: number of the trial.
+        config: the run's configuration, with ``robot``.
+        index: the trial's number.
         listener: called with each event of the scripts.
-        attendant: attends the trial while it runs.
+        attendant: a person beside the trial.
 
     Raises:
         TrocarError: an arm or a camera cannot be connected; nothing has moved then.

@@ -50,7 +50,7 @@ class Prepared:
     """A session that is ready for its trials.
 
     Attributes:
-        number: number of the session in its run.
+        number: the session's number in its run.
         session: the session; simulator truth.
         models: cable model of each working arm, if the method compensates.
         priors: prior from which each model starts, if the robot learns.
@@ -70,9 +70,9 @@ def prepare(config: RunConfig, number: int, folder: str | Path, *, listener: Lis
     resumed run computes the same as an uninterrupted one.
 
     Args:
-        config: configuration of the run.
-        number: number of the session.
-        folder: folder of the run.
+        config: the run's configuration.
+        number: the session's number.
+        folder: the run's folder.
         listener: called after each row of a calibration.
     """
     folder = Path(folder)

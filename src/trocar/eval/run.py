@@ -66,12 +66,12 @@ def run_trial(
     """Run one trial of a session and return it.
 
     Args:
-        config: configuration of the run.
+        config: the run's configuration.
         prepared: the session.
-        index: number of the trial in its session.
+        index: the trial's number in its session.
         listener: called with each event of the scripts.
         raise_errors: whether an exception of the agent is raised; else it ends the trial, which keeps its traceback.
-        attendant: attends the trial while it runs.
+        attendant: a person beside the trial.
 
     Raises:
         PhysicsError: the simulation broke down; the trial is void.

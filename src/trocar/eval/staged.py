@@ -35,12 +35,12 @@ QUALITY = 70
 EFFORT = 1
 """WebP effort, out of 6; the default, 4, takes three times as long for a file that is a sixth smaller."""
 THINNED = 4
-"""Depth is saved for every so-many-th row and column, in whole millimetres."""
+"""Depth is saved for one in this many rows and columns, in whole millimetres."""
 PACKED = 3
 """PNG compression, out of 9; level 9 takes seven times as long for a file that is one percent smaller."""
 
 Files = tuple[dict[str, bytes], dict[str, list[tuple[float, str]]]]
-"""Images as files by name; and the times and names of the images of each camera."""
+"""Images as files by name; times and names of each camera's images."""
 
 
 @runtime_checkable
@@ -78,12 +78,12 @@ def scenery_of(laboratory: SimLaboratory) -> Scenery:
 
 
 class StagedTrial:
-    """The laboratory of one trial, drawn from the seeds of its run, in which an agent or another program plays it.
+    """The laboratory of one trial, drawn from the seeds of its run, for an agent or another program.
 
     Args:
-        config: configuration of the run.
+        config: the run's configuration.
         prepared: the session.
-        index: number of the trial in its session.
+        index: the trial's number in its session.
         listener: called with each event of the log.
 
     Attributes:
@@ -113,8 +113,8 @@ class StagedTrial:
         Args:
             end: how it ended.
             wall_s: how long it took on this machine.
-            settings: settings of the method.
-            images: images of the cameras; None: those that the laboratory's own cameras took.
+            settings: the method's settings.
+            images: the cameras' images; None: those that the laboratory's own cameras took.
 
         Raises:
             InvalidInput: the task does not score each of its goals.

@@ -91,7 +91,7 @@ def _impossible(succeeded: object, attempted: object) -> InvalidInput:
 def session_posterior(
     succeeded: Sequence[int], attempted: Sequence[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the posterior of the mean rate over sessions, for :func:`session_interval`: rates and their weights."""
+    """Return the posterior of the mean rate over sessions (:func:`session_interval`): rates and weights."""
     y, n = np.asarray(succeeded, dtype=np.float64), np.asarray(attempted, dtype=np.float64)
     y, n = y[n > 0], n[n > 0]
     mean = (np.arange(GRID) + 0.5) / GRID

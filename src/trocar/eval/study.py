@@ -26,7 +26,7 @@ class Condition:
     Attributes:
         name: what distinguishes it from the others besides its method, such as the task's variant.
         config: configuration of its run.
-        folder: folder of its run, for ``trocar report`` and ``trocar view``.
+        folder: its run's folder, for ``trocar report`` and ``trocar view``.
     """
 
     name: str
@@ -162,9 +162,9 @@ class TableData:
     Attributes:
         title: title above the table.
         head: names of the columns.
-        rows: cells of each row; the first cell is the row's name.
+        rows: cells of each row; the first is the row's name.
         caption: text below the table.
-        page_only: names of columns that do not fit into a terminal.
+        page_only: columns that do not fit into a terminal.
     """
 
     title: str
@@ -178,10 +178,10 @@ class TaskStudy(Generic[AnyRow]):
     """A task's study: all methods at all values of one option, beside the paper's figures.
 
     Class attributes:
-        varied: name of the task's option that is varied, besides the method.
-        values: values of this option.
+        varied: the task's option that is varied, besides the method.
+        values: this option's values.
         kind: how a trial is reduced to a row.
-        captions: captions of the pictures, by file name.
+        captions: the pictures' captions, by file name.
         notes: sentences that a reader of the figures must know.
     """
 
@@ -243,11 +243,11 @@ def conditions_of(
 
     Args:
         task: class of a task that has a study.
-        folder: folder of the study; each condition has its own folder in it.
-        values: values of the varied option, comma-separated; empty: all.
+        folder: folder of the study, with one for each condition in it.
+        values: the varied option's values, comma-separated; empty: all.
         methods: names of the methods, likewise.
         model: cable model of the methods that compensate; empty: the default.
-        options: options of the task, besides the varied one.
+        options: the task's options, besides the varied one.
         run: the other options of ``RunConfig``.
     """
     study = study_of(task)

@@ -21,9 +21,9 @@ class Comparison:
     """One run minus another, over the sessions that both have.
 
     Attributes:
-        success_rate: share of goals reached; p is the chance of a rate at least as much higher.
-        time_s: duration of a trial divided by its number of goals; p is the chance of a time at least as much shorter.
-        collisions: collisions per trial; p is the chance of at least as many fewer.
+        success_rate: share of goals reached; p tests for a higher one.
+        time_s: duration of a trial divided by its number of goals; p tests for a shorter one.
+        collisions: collisions per trial; p tests for fewer.
     """
 
     success_rate: Difference
@@ -39,7 +39,7 @@ class Trials(Sequence[Trial]):
     """Trials in files, each read on request; at most one is held in memory.
 
     Args:
-        paths: paths of the files, in order.
+        paths: the files, in order.
     """
 
     def __init__(self, paths: Sequence[str | Path]):
@@ -92,7 +92,7 @@ class Trials(Sequence[Trial]):
         return Trials((path,))
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each goal of each trial: task, method, seed, session, trial, goal, and score."""
+        """Return a row for each goal of each trial: task, variant, method, seed, session, trial, goal and score."""
         return [
             {
                 **{key: trial.about[key] for key in ("task", "variant", "method", "seed", "session")},
@@ -127,7 +127,7 @@ class Trials(Sequence[Trial]):
 
 
 def sessions_met(trials: Sequence[Trial]) -> set[tuple[str, ...]]:
-    """Return from what the trials' sessions are drawn; if it is equal, sessions of the same number are the same."""
+    """Return what the trials' sessions are drawn from; if it is equal, sessions of the same number are the same."""
     keys = ("task", "station_digest", "seed", "difficulty")
     return {tuple(map(str, map(trial.about.get, keys))) for trial in trials}
 

@@ -25,7 +25,7 @@ UNITS_A_PROCESS = 10
 PATIENCE_S = 10
 """Timeout for an answer of a dask scheduler."""
 MAX_DEATHS = 3
-"""Work is given up after workers died this many times in a row, with nothing finished in between."""
+"""Work is given up after this many deaths of workers in a row, with nothing finished in between."""
 
 
 class Workers(Protocol):
@@ -33,7 +33,7 @@ class Workers(Protocol):
 
     @property
     def died(self) -> tuple[type[BaseException], ...]:
-        """Return the exceptions that a unit's future raises if its worker died; the unit is then handed out again."""
+        """Return the exceptions of a unit's future if its worker died; the unit is then handed out again."""
         ...
 
     @property
@@ -50,8 +50,8 @@ class Workers(Protocol):
 class Processes:
     """Processes of this machine.
 
-    They are forked from a server process that has loaded the simulator once; without fork (on Windows), each process
-    loads it. A fork of this process would copy the progress bar's threads and their locks.
+    They are forked from a server process that has loaded the simulator; without fork (on Windows), each loads it.
+    A fork of this process would copy the progress bar's threads and their locks.
 
     Attributes:
         count: number of processes.
@@ -123,8 +123,8 @@ def run_all(
 
     Args:
         function: does a unit; defined in a module, so that other processes find it.
-        units: the units, which are handed out in order; they must pickle.
-        workers: the workers that do them.
+        units: handed out in order; they must pickle.
+        workers: the workers.
 
     Raises:
         MachineError: workers died several times in a row.
@@ -190,7 +190,7 @@ def _handed_out(
 
 @dataclass(frozen=True)
 class DaskWorkers:
-    """Workers of a dask cluster, who must all see the file system with the run's folder.
+    """Workers of a dask cluster, which must all see the run's folder.
 
     Attributes:
         count: number of units that run at once.

@@ -45,7 +45,7 @@ class Flaw:
         unit: 'm', 'rad', or '' if its values have several units, or none.
         recorded: values as recordings show them.
         mild: values in a mild laboratory.
-        source: source of the values.
+        source: where the values come from.
         tasks: names of the tasks that it affects; empty: every task at a station with the parts that have it.
     """
 
@@ -220,7 +220,7 @@ class Difficulty:
     Attributes:
         level: level of the flaws that have no size of their own.
         named: flaws with a size of their own, as the user wrote them.
-        sizes: sizes of these, by name.
+        sizes: their sizes, by name.
     """
 
     level: str

@@ -51,7 +51,7 @@ def build_cell(station: Station | str, backend: str = "sim", seed: int = 0) -> L
     Args:
         station: a station, its name, or the path of its TOML file.
         backend: name in ``BACKENDS``.
-        seed: seed of everything random.
+        seed: seed of all random numbers.
 
     Raises:
         InvalidInput: station or backend are unknown, or the seed is negative.

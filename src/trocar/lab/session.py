@@ -35,10 +35,9 @@ class Session:
         transmissions: transmissions of this session, by arm.
         jaws: cables of the jaws, by arm.
         T_world_base: true poses of the bases.
-        T_world_base_registered: poses of the bases that registration found.
+        T_world_base_registered: registered poses of the bases.
         T_world_camera: true poses of the cameras.
-        T_world_camera_registered: poses of the cameras that registration found; the first is exact if it is the world's
-            reference.
+        T_world_camera_registered: registered poses; the first is exact if it is the world's reference.
     """
 
     station: Station
@@ -51,7 +50,7 @@ class Session:
     T_world_camera_registered: Mapping[str, SE3]
 
     def remounted(self, rng: np.random.Generator) -> Session:
-        """Return the session after its instruments were remounted: with new transmissions, jaw cables and wrists."""
+        """Return the session with its instruments remounted: new transmissions, jaw cables and wrist lengths."""
         transmissions = _transmissions(self.station, rng)
         return replace(
             self, models=_models(self.station, rng), transmissions=transmissions, jaws=_jaws(self.station, rng)
@@ -126,8 +125,8 @@ def points_of_registration(
         arm: the arm to register.
         transmission: its transmission in this session.
         how: where the points lie, and how well they are seen.
-        difficulty: difficulty of the session.
-        rng: random numbers of the points.
+        difficulty: the session's difficulty.
+        rng: random numbers for the points.
     """
     p_world = rng.uniform(*how.volume_m, (how.points, 3))
     p_base = arm.T_world_base.inverse().apply(p_world)

@@ -55,10 +55,10 @@ class CheckerboardRegistration:
     Attributes:
         board: the board that brackets and people hold.
         T_world_board: nominal pose of the board on each arm's bracket.
-        sd_m: SD of a registered base's position error, at the board, on each axis; bracket and images together.
-        sd_rad: SD of its rotation error about each axis.
-        bracket_sd_m: SD of the position with which a bracket holds the board, on each axis.
-        bracket_sd_rad: SD of the rotation with which it holds the board, about each axis.
+        sd_m: SD of a registered base's position at the board, on each axis; bracket and images together.
+        sd_rad: SD of its rotation about each axis.
+        bracket_sd_m: SD of the board's position on a bracket, on each axis.
+        bracket_sd_rad: SD of the board's rotation on a bracket, about each axis.
         views: number of poses in which a person shows the board to calibrate the lenses.
     """
 
@@ -135,14 +135,14 @@ class StationArm:
         model: robot type, with its instrument.
         transmission: what lies between its encoders and its joints.
         transmission_name: name of the transmission in ``TRANSMISSIONS``.
-        limits: limits of velocity and acceleration that its guard keeps.
+        limits: velocity and acceleration limits that its guard keeps.
         T_world_base: true pose of the base.
         park: where it rests before a script: a tip (3,) m in the world, with the tool aligned with the base, or joints
             (6,), or None: the middle of its ranges, high in its port.
         park_jaw_rad: opening of its jaws there.
         workspace_m: (2, 3) corners, in the world, of the box that its tip may not leave; None: no box.
         calibration: range of the motion of a calibration recording; None: defined by the task.
-        T_world_base_registered: pose of the base as registered; None: each session registers it.
+        T_world_base_registered: registered pose of the base; None: each session registers it.
     """
 
     model: ArmModel
@@ -194,11 +194,11 @@ class StationCamera:
         T_world_camera: true pose (of a pair: of the left camera).
         exposure_s: exposure of one image.
         lamp_m: (3,) position of the projector or lamp in the camera's frame.
-        flaws: flaws of the sensor.
-        gain: gain of the exposure; objects near the lamp need less.
+        flaws: the sensor's flaws.
+        gain: exposure gain; objects near the lamp need less.
         ambient: room light from all directions, as a share of the lamp's at .6 m.
-        T_world_camera_registered: pose as registered; None: each session registers it.
-        rig_registered: lenses of a pair as calibrated; None: ``model``.
+        T_world_camera_registered: registered pose; None: each session registers it.
+        rig_registered: calibrated lenses of a pair; None: ``model``.
     """
 
     model: CameraModel
@@ -229,7 +229,7 @@ class Station:
     """A laboratory.
 
     Attributes:
-        name: name, as for ``--station``.
+        name: name for ``--station``.
         about: description in one line.
         arms: arms by name, in order; the first one works where one is enough.
         cameras: cameras by name.
@@ -312,7 +312,7 @@ class Station:
         }
 
     def require_relevant(self, task: str = "") -> Station:
-        """Return this station, if each flaw with a size of its own has an effect on a task here.
+        """Return this station if each flaw with a size of its own has an effect on a task here.
 
         Raises:
             InvalidInput: a flaw has no effect, so a summary that names it would be misleading.

@@ -60,7 +60,7 @@ def validated(model: type[Model], values: object, where: str) -> Model:
     """Return a table as an instance of its model.
 
     Raises:
-        InvalidInput: the table does not match its model; the message is the first fault in one sentence.
+        InvalidInput: the table does not match; the message is its first fault in one sentence.
     """
     try:
         return model.model_validate(values)

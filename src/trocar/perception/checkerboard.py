@@ -20,8 +20,7 @@ class Checkerboard:
     """A checkerboard; its frame has the origin in the middle, x along the columns, y along the rows, z into the board.
 
     The frame of a board held upright before a camera is parallel to the camera's. The square at the least x and y is
-    black. One of the two numbers of corners is odd and the other even, so that the board looks different after half a
-    turn.
+    black. One number of corners is odd, the other even, so that the board looks different after half a turn.
     """
 
     columns: int = 10  # inner corners along x

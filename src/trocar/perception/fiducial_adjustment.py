@@ -86,11 +86,7 @@ def adjust(arm: ArmModel, fixture: Fixture, p_camera_m: Array, T_camera_base: SE
 def turned_to_encoders(arm: ArmModel, T_camera_base: SE3, q: Array, q_cmd: Array) -> SE3:
     """Return the base, rotated about its remote centre so that on average the shaft points as the encoders say.
 
-    Args:
-        arm: a PSM.
-        T_camera_base: the base to rotate.
-        q: (n, 6) joints in this base.
-        q_cmd: (n, 6) encoder readings.
+    ``q`` (n, 6) are the joints in the base as given, ``q_cmd`` (n, 6) the encoder readings.
     """
     here, there = (frames(arm, joints).matrix[:, _SHAFT_AXIS, :3, 2] for joints in (q, q_cmd))
     both = (np.concatenate([axes, -axes]) for axes in (there, here))  # symmetric about zero, so that nothing shifts

@@ -72,7 +72,7 @@ def measure(
         q_cmd: (n, 6) encoder readings.
         T_camera_base: the base as registered. The joints returned put the tip where it was seen if the base is here,
             so they make up for the registration's error.
-        rng: random numbers of the search for outliers.
+        rng: random numbers for the search for outliers.
 
     Raises:
         InvalidInput: the arm is no PSM, or the shaft was seen in too few rows.

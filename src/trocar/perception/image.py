@@ -148,7 +148,7 @@ def _require_colors(item: str, color: NDArray[np.uint8], lens: Intrinsics) -> No
 
 
 def whole_window(model: CameraModel) -> Window | StereoWindow:
-    """Return the window of all pixels; cameras keep images that were taken without a window, but not this one."""
+    """Return the window of all pixels; a camera keeps only images that were taken without a window."""
     if isinstance(model, Intrinsics):
         return Window((0, 0), (model.width, model.height))
     left, right = (Window((0, 0), (eye.width, eye.height)) for eye in (model.left, model.right))

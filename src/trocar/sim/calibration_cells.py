@@ -71,11 +71,11 @@ class FiducialCell:
 
     Args:
         session: the session; its true base and camera are used.
-        arm: name of the arm.
-        camera: name of the station's camera.
+        arm: the arm's name.
+        camera: the camera's name.
         fixture: the spheres that the arm carries, as designed.
-        rng: random numbers of the printing errors.
-        flaws: flaws of the camera, in place of the station's.
+        rng: random numbers for the printing errors.
+        flaws: override those of the station's camera.
 
     Raises:
         InvalidInput: the camera has no depth.
@@ -139,10 +139,10 @@ class CheckerboardCell:
 
     Args:
         station: the station; the true lenses and pose of its camera are used.
-        camera: name of the station's camera.
+        camera: the camera's name.
         board: the board shown, with a white rim as wide as a square.
         table_z_m: height of the table in the world.
-        flaws: flaws of the camera, in place of the station's.
+        flaws: override those of the station's camera.
 
     Raises:
         InvalidInput: the camera is not a stereo pair.
@@ -164,7 +164,7 @@ class CheckerboardCell:
         """Return a random pose in the world of a board held by hand, which both lenses see whole.
 
         Args:
-            rng: random numbers of position and rotation.
+            rng: random numbers for position and rotation.
             distance_m: distance of the workspace from the lenses.
 
         Raises:
@@ -223,8 +223,8 @@ def record_motion(
 
     Args:
         session: the session with the arm's transmission.
-        arm: name of the arm.
-        rng: random numbers of motion and noise.
+        arm: the arm's name.
+        rng: random numbers for motion and noise.
         box: range of the motion.
         samples: number of samples; None: the default of either motion.
         wide: whether the motion is the short one of wide swings.
@@ -236,8 +236,8 @@ def record_motion(
     for q in q_cmd:
         train.advance(SAMPLE_S)
         joints.append(train.joints(q))
-    # A measurement by fiducials knows only the registered base. So the measured joints put the tip where it is if the
-    # base is there: errors of registration are in the recording, and in the model fitted to it.
+    # Fiducials are measured relative to the registered base: the measured joints put the tip where it is if the base is
+    # there. So errors of registration are in the recording and in its model.
     T_found_true = session.T_world_base_registered[arm].inverse() @ session.T_world_base[arm]
     q_true = np.array(joints)
     tips = T_found_true @ fk(session.models[arm], q_true)

@@ -27,7 +27,7 @@ class CameraRenderer:
         model: MuJoCo's model of the world.
         camera: the camera, with its true lenses, lamp, gain and flaws; images carry the lenses as registered.
         T_world_camera: true pose (of a pair: of the left camera).
-        flaws: flaws in place of the camera's own.
+        flaws: override the camera's own.
 
     Attributes:
         model: the lens or lenses as registered.
@@ -82,7 +82,7 @@ class SimCamera:
     Attributes:
         renderer: renders its images.
         exposure_s: exposure of one image.
-        rng: random numbers of its noise.
+        rng: random numbers for its noise.
         model: its lens or lenses as registered.
         taken: all images that it took without a window.
     """

@@ -58,8 +58,8 @@ class SimLaboratory:
     Args:
         session: the session.
         task: a task's side of the world; None: nothing.
-        rng: random numbers of cables and cameras.
-        flaws: flaws of all cameras, in place of the station's.
+        rng: random numbers for cables and cameras.
+        flaws: override those of the station's cameras.
         surface: parameters of contacts; None: the default.
         fixtures: spheres that instruments wear for a calibration, by arm.
         listener: called with each event of the log.
@@ -160,8 +160,7 @@ class SimLaboratory:
     def run(self, script: Script, budget_s: float, pace: Pace | None = None) -> bool:
         """Run a script on the cell's clock; return whether it ended within its budget.
 
-        However the script ends, including an error or Ctrl-C, every arm comes to rest within its limits before this
-        returns.
+        However it ends, an error or Ctrl-C included, every arm comes to rest within its limits before this returns.
 
         Args:
             script: called with the cell.

@@ -36,8 +36,8 @@ class RayCamera:
         intrinsics: lens and pixels, such as ``lens.binned(2)``.
         T_world_camera: true pose.
         lamp_m: (3,) projector or lamp in the camera frame; surfaces that it does not light are dark and have no depth.
-        flaws: flaws of the sensor; ``SensorFlaws.none()`` gives exact depth.
-        light: light of the scene.
+        flaws: the sensor's flaws; ``SensorFlaws.none()`` gives exact depth.
+        light: the scene's light.
         finish: grain and wet spots of surfaces; None: plain colours.
     """
 
@@ -78,7 +78,7 @@ class RayCamera:
         return self.intrinsics.height, self.intrinsics.width
 
     def binned(self, factor: int) -> RayCamera:
-        """Return this camera with ``factor`` x ``factor`` pixels combined into one, which has one ray and one noise."""
+        """Return this camera with ``factor`` x ``factor`` pixels combined into one, with the ray and noise of one."""
         lens = self.intrinsics.binned(factor)
         return RayCamera(self.model, lens, self.T_world_camera, self._lamp_m, self.flaws, self.light, self._finish)
 
@@ -125,7 +125,7 @@ class RayCamera:
         return view.depth.reshape(shape), view.geom.reshape(shape), color.reshape(*shape, 3)
 
     def _view(self, data: mujoco.MjData, shadow: bool) -> _View:
-        """Return what the pixels see; only pixels where something may have moved are cast again, the rest is cached."""
+        """Return what the pixels see; only those where something may have moved are cast again."""
         fixed = self._fixed_seen(data, shadow)
         view = fixed.each(np.copy)
         covered = self._raster.covered(self.model, data, self._moving, self.T_world_camera)[self._cell]
@@ -296,7 +296,7 @@ class _Raster:
 
 @lru_cache(maxsize=8)
 def _pixels(intrinsics: Intrinsics) -> tuple[Array, _Raster, NDArray[np.intp]]:
-    """Return a lens's rays (n, 3), its map, and the cell (n,) of each ray; cached, since many worlds share a lens."""
+    """Return a lens's rays (n, 3), its map, and the cell (n,) of each ray; many worlds share a lens."""
     rays = pixel_rays(intrinsics).reshape(-1, 3)
     raster = _Raster(rays, intrinsics.fx)
     cells = raster.index(rays)

@@ -21,7 +21,7 @@ class Light:
 
     Attributes:
         ambient: light from all directions, as a share of the projector's at ``reference_m``.
-        gain: gain of the whole exposure.
+        gain: exposure gain.
         reference_m: distance from the projector at which its light has power 1.
     """
 
@@ -136,7 +136,7 @@ def expose(color: NDArray[np.float32], sd: float, rng: np.random.Generator) -> N
     Args:
         color: (h, w, 3) in [0, 1], or brighter where the camera saturates.
         sd: scale of the noise in grey levels; the noise grows with the root of the light.
-        rng: random numbers of the noise.
+        rng: random numbers for the noise.
     """
     blurred = cv2.GaussianBlur(color, (0, 0), LENS_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
     grain = rng.standard_normal(color.shape, dtype=np.float32)

@@ -53,8 +53,8 @@ class Servo:
     Estimated so that the tip yields by about 1 mm/N; no source gives these numbers for the PSM or the Raven.
 
     Attributes:
-        stiffness: stiffness of each joint, N m/rad, or N/m if prismatic.
-        inertia: reflected inertia of each joint, kg m^2, or kg if prismatic; damping is critical.
+        stiffness: each joint's stiffness, N m/rad, or N/m if prismatic.
+        inertia: each joint's reflected inertia, kg m^2, or kg if prismatic; damping is critical.
         jaw_torque_nm: largest torque of the jaw drive on one finger.
         jaw_inertia_kg_m2: reflected inertia of the jaw drive.
     """
@@ -99,7 +99,7 @@ class CellArms:
     """The arms of a cell by name, as the simulator needs them.
 
     Attributes:
-        models: models of the arms.
+        models: the arms' models.
         T_world_base: true poses of the bases.
         surface: contact parameters.
         fixtures: spheres for calibration on the instruments.
@@ -192,7 +192,6 @@ def _inertia(mass: float, moment: float, x_m: float = 0.0) -> dict[str, Any]:
 
 
 def _add_part(link: mujoco.MjsBody, name: str, part: Part, bits: Mapping[str, int]) -> None:
-    """Attach one solid of an instrument to its link."""
     if part.shape == "box":
         shape: dict[str, Any] = {"size": digits(0.5 * np.array(part.size_m)), "pos": digits(part.at_m[0])}
     else:

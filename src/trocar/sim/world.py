@@ -27,7 +27,7 @@ class PhysicsError(TrocarError):
     """The simulation became unstable; the trial is void.
 
     Attributes:
-        time_s: time on the clock of the physics.
+        time_s: time on the physics' clock.
     """
 
     def __init__(self, time_s: float):
@@ -74,7 +74,7 @@ class TaskWorld:
         """Observe the world; called after each tick of the controller, before :meth:`collision` for its contacts."""
 
     def errand(self, goal: Any) -> tuple[Array, Array] | None:
-        """Return present and wanted position (3,), in the world, of a goal's object; None if there is none.
+        """Return present and wanted position (3,), in the world, of a goal's object; None if unknown.
 
         Only dense rewards use it (``trocar.learn``). It is called for the goals in order, for each while it is the next
         one to be reached.
@@ -114,7 +114,7 @@ class World:
     """Bodies, contacts and drives of the simulated cell. Only the simulator and the referee may look inside.
 
     Args:
-        models: models of the arms by name.
+        models: the arms' models by name.
         T_world_base: true pose of each arm's base.
         task: the task's side of the world; None: nothing.
         surface: contact parameters.

@@ -163,7 +163,7 @@ class FleetPrior:
         return tuple(fit.name for fit in self.fits)
 
     def without(self, instrument: str) -> FleetPrior:
-        """Return the prior without recordings whose names begin so (TrocarError: fewer than two are left)."""
+        """Return the prior without recordings whose names begin with ``instrument`` (TrocarError: under two left)."""
         return FleetPrior.of([fit for fit in self.fits if not fit.name.startswith(instrument)])
 
     def save(self, path: str | Path) -> Path:

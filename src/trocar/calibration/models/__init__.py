@@ -43,8 +43,8 @@ def save_model(model: CableModel, path: str | Path, fingerprint: str = "") -> Pa
 
     Args:
         model: the model to save.
-        path: path of the file, ending in ``.npz``.
-        fingerprint: fingerprint of the run that the model belongs to, if any.
+        path: the file, ending in ``.npz``.
+        fingerprint: the model's run, if any.
     """
     path = Path(path)
     if path.suffix != ".npz":
@@ -59,8 +59,8 @@ def load_model(path: str | Path, fingerprint: str | None = None) -> CableModel:
     """Return the model in a file that :func:`save_model` wrote.
 
     Args:
-        path: path of the file.
-        fingerprint: fingerprint of the run that the model must belong to; None allows any run or none.
+        path: the file.
+        fingerprint: the run that the model must belong to; None: any or none.
 
     Raises:
         BadFile: the file does not exist, is not a cable model, is damaged, or belongs to another run.
