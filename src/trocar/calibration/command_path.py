@@ -43,8 +43,8 @@ acceleration, over .3 rad and 20 mm, there and back, 1.1 times too fast)."""
 NEARLY_MET = 1e-3  # a motion that ends further from its goal than this (rad of the wrist) usually lacks time
 STRETCHES = (1.0, 1.05, 1.15, 1.3)  # factors tried in turn on the least time for the path to the last command
 LAST_STEP_S = 0.3
-"""A last step from rest to rest that takes no longer than this is made even for a small remaining error, which in a
-dead zone only crossing the slack removes. If the motion ends further off than ``NEARLY_MET``, it may take longer."""
+"""A last step from rest to rest is made even for a small error if it takes no longer than this: in a dead zone, only
+crossing the slack removes the error. If the motion ends further off than ``NEARLY_MET``, the step may take longer."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,7 +84,7 @@ class SensorFlaws:
     """Magnitudes of a depth camera's flaws; zero switches one off.
 
     Sizes follow the authors' Zivid One+ S. Its distances between spheres are off by .32 mm RMS
-    (`fiducials/sphere_distances`), and its capture of a block, with printed layers, deviates from the block's model by
+    (`fiducials/sphere_distances`). Its capture of a block, on which printed layers show, is off the block's model by
     .38 mm in the median and .76 mm RMS (`blocks/capture`).
 
     Attributes:
