@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from trocar.bags.reader import Bag, stamp_ns
 from trocar.errors import BadFile, InvalidInput
 from trocar.files.output import blame, clear_drafts, make_folder, require_place, write_json
+from trocar.files.ros_image import ENCODINGS, Damaged, pixels
 from trocar.perception.image import Intrinsics
 
 RAW, COMPRESSED, INFO = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/CameraInfo"
@@ -26,14 +26,6 @@ LIST = "images.json"
 SUFFIXES = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp"}
 """How compressed images begin that are kept as they are."""
 IMAGE_FILE = re.compile(r"\d{6}\.(png|jpg|webp|npy)")
-CHANNELS = {
-    **{"rgb8": (0, 1, 2), "8UC3": (2, 1, 0), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)},
-    **{"mono8": (0,), "8UC1": (0,)},
-}
-"""Where red, green and blue are in a pixel of 8 bits a channel; 8UC3 is OpenCV's blue, green, red."""
-BYTES = {"rgba8": 4, "bgra8": 4}
-DEEP = {"mono16": "u2", "16UC1": "u2", "32FC1": "f4"}
-"""Depth, in mm and m, and grey of 16 bits: one number a pixel."""
 RECTIFIED = re.compile("(?<![a-z])rect", re.IGNORECASE)
 """What the name of a topic has whose images are without distortion: ``image_rect_color``."""
 
@@ -62,10 +54,6 @@ class _Picture(NamedTuple):
     suffix: str
     content: bytes
     size: tuple[int, int]
-
-
-class _Damaged(Exception):
-    """The bytes of a message are no image, or not one of the size that it claims."""
 
 
 def cameras_in(bag: Bag) -> list[str]:
@@ -129,7 +117,7 @@ def _write_camera(bag: Bag, folder: Path, topic: str) -> CameraFiles:
             continue
         try:
             picture = _picture(message)
-        except _Damaged:
+        except Damaged:
             damaged += 1
             continue
         if picture is None:
@@ -164,24 +152,19 @@ def _picture(message: Any) -> _Picture | None:
     """Return an image as a file; None if its encoding is unknown.
 
     Raises:
-        _Damaged: it is no image, or not of the size that it claims.
+        Damaged: it is no image, or not of the size that it claims.
     """
     if hasattr(message, "format"):
         return _compressed(bytes(message.data))
-    file, size = BytesIO(), (message.width, message.height)
-    if message.encoding in DEEP:
-        values = _pixels(message, DEEP[message.encoding], 1)[:, :, 0]
-        if values.dtype.kind == "f":
-            np.save(file, values.astype(np.float32), allow_pickle=False)
-            return _Picture(".npy", file.getvalue(), size)
-        Image.fromarray(values.astype(np.uint16)).save(file, "png")
-        return _Picture(".png", file.getvalue(), size)
-    if message.encoding not in CHANNELS:
+    if message.encoding not in ENCODINGS:
         return None
-    order = CHANNELS[message.encoding]
-    values = _pixels(message, "u1", BYTES.get(message.encoding, len(order)))
-    Image.fromarray(values[:, :, 0] if len(order) == 1 else values[:, :, order]).save(file, "png")
-    return _Picture(".png", file.getvalue(), size)
+    values = pixels(message)
+    file, suffix = BytesIO(), ".npy" if values.dtype.kind == "f" else ".png"
+    if suffix == ".npy":
+        np.save(file, values, allow_pickle=False)
+    else:
+        Image.fromarray(values).save(file, "png")
+    return _Picture(suffix, file.getvalue(), (message.width, message.height))
 
 
 def _compressed(content: bytes) -> _Picture | None:
@@ -193,22 +176,7 @@ def _compressed(content: bytes) -> _Picture | None:
         with Image.open(BytesIO(content)) as picture:
             return _Picture(suffix, content, picture.size)
     except (OSError, ValueError, Image.DecompressionBombError):
-        raise _Damaged from None
-
-
-def _pixels(message: Any, kind: str, channels: int) -> NDArray[Any]:
-    """Return the pixels (height, width, channels) of a raw image; rows may be padded, and bytes swapped.
-
-    Raises:
-        _Damaged: there are none, or more or fewer than it claims.
-    """
-    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
-    used = message.width * channels * dtype.itemsize
-    data = np.asarray(message.data, dtype=np.uint8)
-    if not used or message.step < used or not message.height or len(data) != message.step * message.height:
-        raise _Damaged
-    rows = np.ascontiguousarray(data.reshape(message.height, message.step)[:, :used])
-    return rows.view(dtype).reshape(message.height, message.width, channels)
+        raise Damaged from None
 
 
 def _lens(bag: Bag, topic: str, sizes: set[tuple[int, int]]) -> Intrinsics | None:

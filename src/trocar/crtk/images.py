@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from trocar.crtk.messages import CameraInfo, Header, Image
 from trocar.errors import InvalidInput
+from trocar.files.ros_image import ENCODINGS, Damaged, pixels
 from trocar.perception.image import CameraModel, Intrinsics, RgbdImage, StereoImage, StereoRig, StereoWindow, Window
 from trocar.perception.image import Image as Taken
 
-COLORS = {"rgb8": (3, slice(None)), "bgr8": (3, slice(None, None, -1))}
-COLORS |= {"rgba8": (4, slice(0, 3)), "bgra8": (4, slice(2, None, -1)), "mono8": (1, [0, 0, 0])}
+COLORS = [encoding for encoding, (kind, *_) in ENCODINGS.items() if kind == "u1"]
 
 
 def parts_of(model: CameraModel) -> tuple[str, str]:
@@ -68,9 +68,8 @@ def color_of(message: Image, item: str = "an image") -> NDArray[np.uint8]:
     """
     if message.encoding not in COLORS:
         raise InvalidInput(item, f"is of encoding {message.encoding!r}", f"publish one of {', '.join(COLORS)}")
-    channels, order = COLORS[message.encoding]
-    pixels = _rows(message, np.uint8, channels, item)[..., order]
-    return np.ascontiguousarray(pixels)
+    color = _pixels(message, item)
+    return color if color.ndim == 3 else np.stack([color] * 3, axis=-1)
 
 
 def depth_of(message: Image, item: str = "an image") -> NDArray[np.float32]:
@@ -79,29 +78,18 @@ def depth_of(message: Image, item: str = "an image") -> NDArray[np.float32]:
     Raises:
         InvalidInput: it is of a kind that is not known here.
     """
-    if message.encoding == "16UC1":
-        depth_mm = _rows(message, np.uint16, 1, item)[..., 0].astype(np.float32)
-        return np.where(depth_mm == 0, np.float32(np.nan), np.float32(1e-3) * depth_mm)
-    if message.encoding != "32FC1":
+    if message.encoding not in ("32FC1", "16UC1"):
         problem = f"has depth of encoding {message.encoding!r}"
         raise InvalidInput(item, problem, "publish 32FC1 (m, NaN for none) or 16UC1 (mm, 0 for none)")
-    return _rows(message, np.float32, 1, item)[..., 0].copy()
+    depth = _pixels(message, item)
+    return depth if message.encoding == "32FC1" else np.where(depth == 0, np.float32(np.nan), np.float32(1e-3) * depth)
 
 
-def _rows(message: Image, kind: type[np.generic], channels: int, item: str) -> NDArray:
-    """Return the pixels (height, width, channels) of a message, whose rows may be longer than needed."""
-    order = ">" if message.is_bigendian else "<"
-    dtype = np.dtype(kind).newbyteorder(order)
-    needed = message.width * channels * dtype.itemsize
-    if message.step < needed or len(message.data) != message.step * message.height:
-        problem = (
-            f"has {len(message.data)} bytes, rows of {message.step}, for {message.width} x {message.height} pixels"
-        )
-        raise InvalidInput(item, problem, "correct its publisher")
-    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(message.height, message.step)[:, :needed]
-    return (
-        np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels).astype(kind, copy=False)
-    )
+def _pixels(message: Image, item: str) -> NDArray:
+    try:
+        return pixels(message)
+    except Damaged as error:
+        raise InvalidInput(item, str(error), "correct its publisher") from None
 
 
 def cut_out(image: Taken, window: Window | StereoWindow) -> Taken:
