@@ -75,21 +75,17 @@ class CrtkArm:
     """
 
     def __init__(self, name: str, topics: Topics):
-        self._name, self._topic, self._dialect, self._command = (
-            name,
-            topics.of_arm(name),
-            topics.dialect,
-            topics.command,
-        )
-        bus, topic, raven = open_bus(topics), self._topic, self._dialect is Dialect.RAVEN
-        jaw, held = jaw_topic(self._dialect, topic), held_topic(self._dialect)
-        self._bus = bus
+        self._name, self._topic = name, topics.of_arm(name)
+        self._dialect, self._command = topics.dialect, topics.command
+        self._bus = bus = open_bus(topics)
+        topic, raven = self._topic, self._dialect is Dialect.RAVEN
+        jaw, held, command = jaw_topic(self._dialect, topic), held_topic(self._dialect), command_of(topics)
         self._state = bus.subscriber(f"{topic}/operating_state", state_kind(self._dialect), latched=True)
-        self._measured = bus.subscriber(f"{topic}/measured_js", JointState)
-        self._setpoint = bus.subscriber(f"{topic}/{held}", JointState)
-        self._jaw_measured = bus.subscriber(f"{jaw}/measured_js", JointState)
-        self._jaw_setpoint = bus.subscriber(f"{jaw}/{held}", JointState)
-        command = command_of(topics)
+        self._sources: dict[str, Subscriber[Any]] = {f"{topic}/operating_state": self._state}
+        joints = [f"{place}/{what}" for place in (topic, jaw) for what in ("measured_js", held)]
+        self._sources |= {name: bus.subscriber(name, JointState) for name in dict.fromkeys(joints)}
+        self._measured, self._setpoint = (self._sources[name] for name in joints[:2])
+        self._jaw_measured, self._jaw_setpoint = (self._sources[name] for name in joints[2:])
         keeping: Keeping = {} if raven else {"kept": 1}  # of increments each counts, of positions only the newest
         self._out = bus.publisher(f"{topic}/{command}", JointState, **keeping)
         self._jaw_out = None if raven else bus.publisher(f"{jaw}/{command}", JointState, **keeping)
@@ -107,16 +103,12 @@ class CrtkArm:
 
     def _wait_for(self, topics: Topics, jaw: str, command: str) -> None:
         topic, begun_s = self._topic, time.monotonic()
-        held = held_topic(self._dialect)
-        needed = {f"{topic}/operating_state": self._state, f"{topic}/measured_js": self._measured}
-        needed |= {f"{topic}/{held}": self._setpoint}
-        needed |= {f"{jaw}/measured_js": self._jaw_measured, f"{jaw}/{held}": self._jaw_setpoint}
         senders: set[Hashable] = set()
         outs = {f"{topic}/{command}": self._out} | ({f"{jaw}/{command}": self._jaw_out} if self._jaw_out else {})
         while True:
             self._take()
             senders.update(self._measured.sent_by)
-            silent = [name for name, source in needed.items() if source.last is None]
+            silent = [name for name, source in self._sources.items() if source.last is None]
             deaf = [name for name, out in outs.items() if out.readers() < 2]  # one of ours looks for what others send
             waited_s = time.monotonic() - begun_s
             if not (silent or deaf) and waited_s > LISTEN_S:
@@ -136,7 +128,7 @@ class CrtkArm:
             source.take()  # what others sent before this
 
     def _take(self) -> None:
-        for source in (self._state, self._measured, self._setpoint, self._jaw_measured, self._jaw_setpoint):
+        for source in self._sources.values():
             source.take()
 
     def _require_enabled(self) -> None:

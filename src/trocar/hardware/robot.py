@@ -36,7 +36,7 @@ SILENT_S = 2.0
 
 
 class HardwareRobot:
-    """Arms that a loop in a process of its own drives (``hardware_loop``), for a ``Guarded`` around it.
+    """Arms that a loop in a process of its own drives (``trocar.hardware.loop``), for a ``Guarded`` around it.
 
     What it tells (``read``, ``setpoint``, ``remaining``) is what the loop last reported. The set-point of a moving arm
     is where it will be ``lead_ticks`` later, so that a motion that takes over there arrives in time; one that does not
