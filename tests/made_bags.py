@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -69,6 +71,24 @@ def camera_info(at_s, size, k, d, model="plumb_bob", *, p=(0.0,) * 12, binning=(
     return "sensor_msgs/msg/CameraInfo", {**fields, **matrices, "p": np.array(p, dtype=float), **numbers}
 
 
+def packed(image, kind):
+    """The bytes of a file of pixels."""
+    file = BytesIO()
+    Image.fromarray(image).save(file, kind)
+    return file.getvalue()
+
+
+def message(store, kind, fields):
+    """The bytes of a message."""
+    capital = store is ROS1 and kind.endswith("CameraInfo")
+    values = {
+        (key.upper() if capital and len(key) == 1 else key): value(store) if callable(value) else value
+        for key, value in fields.items()
+    }
+    encode = store.serialize_ros1 if store is ROS1 else store.serialize_cdr
+    return bytes(encode(store.types[kind](**values), kind))
+
+
 def write_bag(
     folder: Path, form: str, topics: dict[str, list[tuple[str, dict[str, Any]]]], silent: Sequence[str] = ()
 ) -> Path:
@@ -91,12 +111,5 @@ def write_bag(
             for number, (kind, fields) in enumerate(messages):
                 if kind not in connections:
                     connections[kind] = writer.add_connection(topic, kind, typestore=store)
-                capital = form == "ros1" and kind.endswith("CameraInfo")
-                values = {
-                    (key.upper() if capital and len(key) == 1 else key): value(store) if callable(value) else value
-                    for key, value in fields.items()
-                }
-                message = store.types[kind](**values)
-                encode = store.serialize_ros1 if form == "ros1" else store.serialize_cdr
-                writer.write(connections[kind], START_S * 10**9 + number * 10**7, encode(message, kind))
+                writer.write(connections[kind], START_S * 10**9 + number * 10**7, message(store, kind, fields))
     return path

@@ -1,14 +1,13 @@
 """Images in bags become files, pixel by pixel, with stamps and lenses beside them."""
 
 import json
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from made_bags import FORMS, START_S, camera_info, compressed, joints, raw, write_bag
+from made_bags import FORMS, START_S, camera_info, compressed, joints, packed, raw, write_bag
 from trocar.bags import images as bag_images
 from trocar.bags.images import cameras_in, write_images
 from trocar.bags.reader import open_bag
@@ -29,12 +28,6 @@ P = (800.0, 0, 3.3, -4.0, 0, 801.0, 2.4, 0, 0, 0, 1, 0)
 def written(tmp_path, topics, form="ros1", cameras=(), folder="images"):
     with open_bag(write_bag(tmp_path, form, topics)) as bag:
         return write_images(bag, tmp_path / folder, list(cameras))
-
-
-def packed(image, kind):
-    file = BytesIO()
-    Image.fromarray(image).save(file, kind)
-    return file.getvalue()
 
 
 def pixels(path):

@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 
-from made_bags import FORMS, ROS1, ROS2, START_S, compressed, joints, write_bag
+from made_bags import FORMS, ROS1, ROS2, START_S, compressed, joints, message, write_bag
 from trocar.bags.reader import open_bag, stamp_ns
 from trocar.errors import BadFile, InvalidInput, MachineError
 
@@ -25,13 +25,6 @@ def read(path, topic="/PSM1/measured_js"):
     """Return how many messages a bag has of a topic."""
     with open_bag(path) as bag:
         return len(list(bag.messages([topic])))
-
-
-def message(store, kind_and_fields):
-    """Return kind and bytes of a message."""
-    kind, fields = kind_and_fields
-    made = store.types[kind](**{key: value(store) if callable(value) else value for key, value in fields.items()})
-    return kind, bytes(store.serialize_ros1(made, kind) if store is ROS1 else store.serialize_cdr(made, kind))
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -158,7 +151,8 @@ STRANGE = "float64 x\r\n# a comment\r\n%% what is this\r\n"
 def write_strange(path, own_kind="sensor_msgs/msg/JointState", md5sum=None):
     """Write a bag of ROS 1 with five good messages, and topics of strange definitions."""
     with Writer1(path) as writer:
-        kind, raw = message(ROS1, joints(0.0, np.zeros(6)))
+        kind, fields = joints(0.0, np.zeros(6))
+        raw = message(ROS1, kind, fields)
         good = writer.add_connection("/PSM1/measured_js", kind, typestore=ROS1)
         text, digest = ROS1.generate_msgdef(own_kind)
         others = [
@@ -199,7 +193,8 @@ def write_mcap(path, profile="ros2", **options):
     with path.open("wb") as file:
         writer = McapWriter(file, **options)
         writer.start(profile)
-        kind, raw = message(ROS2, joints(0.0, np.zeros(6)))
+        kind, fields = joints(0.0, np.zeros(6))
+        raw = message(ROS2, kind, fields)
         known = writer.register_channel("/PSM1/measured_js", "cdr", writer.register_schema(kind, "ros2msg", b"?"))
         others = {
             "/json": ("json", writer.register_schema("sensor_msgs/msg/JointState", "jsonschema", b"{}")),

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from io import BytesIO
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
+from made_bags import packed
 from synthetic import TICK_S, config, synthetic_trial
 from trocar.arms import fk
 from trocar.bags.images import write_images
@@ -27,12 +27,6 @@ AT = START_NS
 
 
 DEPTH_MM = np.arange(12, dtype=np.uint16).reshape(3, 4) * 300
-
-
-def packed(pixels, kind):
-    file = BytesIO()
-    Image.fromarray(pixels).save(file, kind)
-    return file.getvalue()
 
 
 @pytest.fixture(scope="module")
