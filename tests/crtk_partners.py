@@ -11,7 +11,7 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,8 @@ DOMAIN = 40 + os.getpid() % 150
 """A ROS domain for the tests of this process alone."""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "ROS_DOMAIN_ID": str(DOMAIN)}
 """Of programs in this Python."""
+ANYBODYS = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT / "tests")])}
+"""Of programs that may run in the Python of ROS 1."""
 LIMIT_S = 30.0
 
 
@@ -98,9 +100,8 @@ def environment_of(ros: int, domain: int = 0, master: str = "") -> dict[str, str
 @contextmanager
 def served(*words: str, python: Path = Path(sys.executable)) -> Iterator[subprocess.Popen[str]]:
     """Serve a cell; ``said`` returns what it says at its end."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
     command = [str(python), "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--json", *words]
-    with process(command, environment, stdout=subprocess.PIPE) as running:
+    with process(command, ANYBODYS, stdout=subprocess.PIPE) as running:
         yield running
 
 
@@ -108,6 +109,18 @@ def said(running: subprocess.Popen[str]) -> dict[str, Any]:
     """End a served cell and return what it says."""
     running.send_signal(2)
     return json.loads(running.communicate(timeout=60)[0])
+
+
+@contextmanager
+def controlled(
+    dialect: str, start: Iterable[float], *, ros: int = 2, domain: int = DOMAIN, master: str = "-"
+) -> Iterator[subprocess.Popen[str]]:
+    """Yield the process of a controller whose joints start there; see ``crtk/controllers.py``."""
+    python = python_of(1) if ros == 1 else sys.executable
+    words = [python, ROOT / "tests/crtk/controllers.py", dialect, ros, domain, master, json.dumps([*start])]
+    with process([*map(str, words)], ANYBODYS, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as running:
+        assert running.stdout is not None and running.stdout.readline() == "ready\n"
+        yield running
 
 
 PATIENT = {"stale_s": 5.0, "max_stall_s": 60.0, "max_late": 10000, "lag_s": 5.0, "watchdog_s": 60.0}

@@ -57,18 +57,15 @@ class Robot:
         return sum(count for client, count in self.access.refused.items() if name in client)
 
 
-@pytest.mark.parametrize(
-    ("allowed", "admitted"),
-    [("localhost", True), ("127.0.0.1", True), ("*", True), ("10.0.0.9", False), ("/console", False)],
-)
-def test_a_program_without_a_node_is_known_by_its_machine(allowed, admitted):
-    topic = f"/{allowed.strip('/*').replace('.', '_') or 'anybody'}/move_jp"
-    robot = Robot(topic, [allowed])
-    with process([sys.executable, "-c", NAMELESS, str(DOMAIN), topic, "it"], ENVIRONMENT):
-        robot.until(lambda: len(robot.heard) >= 5 or robot.refused() >= 5)
-    assert bool(robot.heard) is admitted
-    assert bool(robot.refused()) is not admitted
-    assert robot.events == ([] if admitted else ["refused"])
+def test_a_program_without_a_node_is_known_by_its_machine():
+    admitted = {"localhost": True, "127.0.0.1": True, "*": True, "10.0.0.9": False, "/console": False}
+    robots = {allowed: Robot("/nameless/move_jp", [allowed]) for allowed in admitted}
+    with process([sys.executable, "-c", NAMELESS, str(DOMAIN), "/nameless/move_jp", "it"], ENVIRONMENT):
+        for robot in robots.values():
+            robot.until(lambda robot=robot: len(robot.heard) >= 5 or robot.refused() >= 5)
+    assert {allowed: bool(robot.heard) for allowed, robot in robots.items()} == admitted
+    assert {allowed: not robot.refused() for allowed, robot in robots.items()} == admitted
+    assert all(robot.events == ([] if admitted[allowed] else ["refused"]) for allowed, robot in robots.items())
 
 
 @pytest.mark.skipif(not python_of(2).exists(), reason="no rclpy: tools/ros2.sh makes .ros2")

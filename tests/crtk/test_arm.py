@@ -1,20 +1,16 @@
 """What is wrong with a live arm is told by its kind, and nothing more is sent to it then."""
 
-import json
 import re
-import subprocess
-import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from crtk_partners import DOMAIN, ENVIRONMENT, LIMIT_S, process, served, until
+from crtk_partners import DOMAIN, LIMIT_S, controlled, served, until
 from memory_bus import MemoryBus
 from trocar.crtk.arm import HEARD_S, CrtkArm
 from trocar.crtk.bus import open_bus, stamped
@@ -30,21 +26,8 @@ PARK = load_station("peg-transfer").arms["psm1"].park_q()
 STALE_S = LoopSettings.stale_s
 
 
-@contextmanager
-def controller(dialect="crtk-1.0", domain=DOMAIN):
-    """Yield a controller's process; see ``controllers.py``."""
-    words = [
-        sys.executable,
-        Path(__file__).parent / "controllers.py",
-        dialect,
-        "2",
-        domain,
-        "-",
-        json.dumps([*PARK, 0.3]),
-    ]
-    with process([str(word) for word in words], ENVIRONMENT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as running:
-        assert running.stdout.readline() == "ready\n"
-        yield running
+def controller(domain=DOMAIN):
+    return controlled("crtk-1.0", [*PARK, 0.3], domain=domain)
 
 
 def connected(dialect=Dialect.CRTK_1_0):

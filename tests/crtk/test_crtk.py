@@ -15,7 +15,7 @@ pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from crtk_partners import DOMAIN, said
 from crtk_partners import served as serving
-from trocar.arms import MotionLimits, fk, ik
+from trocar.arms import MotionLimits, fk
 from trocar.cli.crtk import doctor
 from trocar.crtk.arm import CrtkArm, connect
 from trocar.crtk.bus import open_bus, stamped
@@ -211,8 +211,3 @@ def test_an_arm_that_nobody_serves_is_said_with_its_topics(bus):
         InvalidInput, match=re.escape("publishes no /NOBODY/operating_state and no /NOBODY/measured_js")
     ):
         CrtkArm("nobody", TOPICS)
-
-
-def test_ik_of_a_published_pose_is_what_is_measured(client):
-    q = client.q("measured_js")
-    assert np.abs(ik(ARM.model, transform_of(client.last("local/measured_cp").pose), q) - q).max() < 1e-9

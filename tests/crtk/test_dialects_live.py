@@ -1,7 +1,6 @@
 """Arms of every dialect, each driven over the network by another process than that of its controller."""
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -13,7 +12,7 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
-from crtk_partners import DOMAIN, ROOT, process, python_of, ros1_master, said, served
+from crtk_partners import ANYBODYS, DOMAIN, controlled, python_of, ros1_master, said, served
 from trocar.crtk.bus import open_bus
 from trocar.crtk.doctor import Verdict, examine_arm
 from trocar.crtk.listening import Listener, listen
@@ -21,10 +20,8 @@ from trocar.lab import load_station
 from trocar.lab.topics import Dialect, Topics
 
 pytestmark = pytest.mark.realtime
-HERE = Path(__file__).parent
 ALONE = DOMAIN + 1
 """Nobody else was there: one that was killed counts as there for ten seconds more."""
-ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(HERE.parent)])}
 ros1 = pytest.mark.skipif(not python_of(1).exists(), reason="no rospy: tools/ros1.sh makes .ros1")
 EACH_ROS = pytest.mark.parametrize("ros", [pytest.param(1, marks=ros1), 2])
 
@@ -51,25 +48,16 @@ def network(ros):
 
 def driven(station, arm, topics):
     """Drive an arm in a process of its own; return joints and opening to which it was sent."""
-    words = [python(topics["ros"]), HERE / "drive.py", station, arm, json.dumps(topics)]
-    done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=180, check=False)
+    words = [python(topics["ros"]), Path(__file__).parent / "drive.py", station, arm, json.dumps(topics)]
+    done = subprocess.run(words, env=ANYBODYS, capture_output=True, text=True, timeout=180, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return np.array(json.loads(done.stdout.splitlines()[-1]))
 
 
-@contextmanager
-def controlled(dialect, topics, start):
-    """Yield a controller's process."""
-    words = [HERE / "controllers.py", dialect, topics["ros"], topics["domain"], topics["master"], json.dumps(start)]
-    words = [str(word) for word in (python(topics["ros"]), *words)]
-    with process(words, ENVIRONMENT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as controller:
-        assert controller.stdout.readline() == "ready\n"
-        yield controller
-
-
-def with_controller(dialect, station, arm, topics, start):
+def with_controller(station, arm, topics, start):
     """Drive an arm of a controller; return where it was sent, and what the controller says at its end."""
-    with controlled(dialect, topics, start) as controller:
+    where = {name: topics[name] for name in ("ros", "domain", "master")}
+    with controlled(topics["dialect"], start, **where) as controller:
         sent = driven(station, arm, topics)
         controller.terminate()
         return sent, json.loads(controller.communicate(timeout=30)[0])
@@ -79,7 +67,7 @@ def with_controller(dialect, station, arm, topics, start):
 def test_a_raven_is_moved_by_increments_that_it_does_not_cut_off_and_ends_where_it_was_sent(ros):
     with network(ros) as where:
         topics = where | {"dialect": "raven", "command": "servo_jp", "arms": RAVEN_ARMS}
-        sent, end = with_controller("raven", "raven-pair", "left", topics, raven_start())
+        sent, end = with_controller("raven-pair", "left", topics, raven_start())
     *arrived, jaw1, jaw2 = end["q"]
     assert np.abs(np.array([*arrived, (jaw2 - jaw1) / 2, jaw1 + jaw2]) - sent).max() < 1e-6
     assert end["cut"] == 0
@@ -90,7 +78,7 @@ def test_an_arm_of_before_crtk_1_1_ends_where_it_was_sent(ros):
     park = load_station("peg-transfer").arms["psm1"].park_q()
     with network(ros) as where:
         topics = where | {"dialect": "crtk-1.0", "command": "servo_jp"}
-        sent, end = with_controller("crtk-1.0", "peg-transfer", "psm1", topics, [*park, 0.3])
+        sent, end = with_controller("peg-transfer", "psm1", topics, [*park, 0.3])
     assert np.abs(np.array(end["q"]) - sent).max() < 1e-6
 
 
@@ -106,7 +94,7 @@ def test_an_arm_that_is_sent_goals_ends_where_it_was_sent(ros):
 
 def test_the_doctor_finds_nothing_wrong_with_a_raven_but_what_a_busy_machine_does_to_it():
     station, topics = load_station("raven-pair"), Topics(domain=ALONE, dialect=Dialect.RAVEN, arms=RAVEN_ARMS)
-    with network(2) as where, controlled("raven", where | {"domain": ALONE}, raven_start()):
+    with network(2) as where, controlled("raven", raven_start(), **where | {"domain": ALONE}):
         listener = Listener(open_bus(topics), station, topics, ["left"])
         end_s = time.monotonic() + 30.0
         while len(listener.heard().messages["/arm1/measured_js"]) < 50:

@@ -1,16 +1,19 @@
-"""What a program on another ROS must find on every topic of a served arm: for the tests of rclpy and of rospy."""
+"""The real rclpy and rospy read and command a served arm, on every topic and in both directions."""
 
 from __future__ import annotations
 
 import json
 import subprocess
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from crtk_partners import environment_of, python_of, said, served
+pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
+
+from crtk_partners import DOMAIN, environment_of, python_of, ros1_master, said, served
 from trocar.arms import fk
 from trocar.crtk.convert import transform_of
 from trocar.crtk.messages import (
@@ -30,7 +33,8 @@ from trocar.crtk.served_arm import EFFORTS, MOTIONS
 from trocar.geometry import SE3
 from trocar.lab import load_station
 
-PARTNER = Path(__file__).parent / "crtk" / "ros_partner.py"
+pytestmark = pytest.mark.realtime
+PARTNER = Path(__file__).parent / "ros_partner.py"
 OUT = KINDS | {"operating_state": OperatingState, "trajectory_j/ratio": Float64}
 OUT |= {"period_statistics": IntervalStatistics}
 IN = MOTIONS | EFFORTS | {"hold": Empty, "state_command": StringStamped}
@@ -39,16 +43,26 @@ ARM = load_station("peg-transfer").arms["psm1"]
 NAMES = ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
 
 
-def exchange(ros: int, domain: int, master: str) -> tuple[dict[str, Any], dict[str, Any]]:
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_program_on_another_ros_reads_and_commands_every_topic_of_an_arm(ros):
+    if not python_of(ros).exists():
+        pytest.skip(f"tools/ros{ros}.sh makes .ros{ros}, with rospy or rclpy")
+    with ros1_master() if ros == 1 else nullcontext("") as master:
+        partner, cell = exchange(ros, master)
+    check_reports(partner)
+    check_commands(partner, cell)
+
+
+def exchange(ros: int, master: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Let the partner read and command every topic; return what it and the cell say at the end."""
-    words = ["--ros", str(ros), "--domain", str(domain)] + (["--master", master] if master else [])
+    words = ["--ros", str(ros), "--domain", str(DOMAIN)] + (["--master", master] if master else [])
     topics = {
         way: {topic: ros_name(kind) for topic, kind in kinds.items()} for way, kinds in (("out", OUT), ("in", IN))
     }
     with served(*words, **({"python": python_of(1)} if ros == 1 else {})) as cell:
         done = subprocess.run(
             [python_of(ros), PARTNER, str(ros), "/PSM1", json.dumps(topics)],
-            env=environment_of(ros, domain, master),
+            env=environment_of(ros, DOMAIN, master),
             capture_output=True,
             text=True,
             timeout=200,
