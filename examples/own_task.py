@@ -144,7 +144,7 @@ class Toucher:
 class BallReport(TaskReport):
     """Where its pictures are taken from; everything else is as usual."""
 
-    view = Viewpoint((0.10, -0.34, 0.24), 0.6)
+    view = Viewpoint((0.10, -0.34, 0.24))
 
 
 @dataclass(frozen=True)
