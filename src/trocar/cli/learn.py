@@ -11,7 +11,7 @@ import numpy as np
 from typer import Argument, Option
 
 from trocar.cli.group import Result
-from trocar.cli.options import JsonFlag, Plugins, Seed, TaskOptions, need
+from trocar.cli.options import Plugins, Seed, TaskOptions, need
 from trocar.cli.out_folder import default_folder
 from trocar.cli.progress import progress
 from trocar.cli.report import export_episodes
@@ -120,8 +120,7 @@ def demonstrations(
     backend: Backend = "processes",
     scheduler: Scheduler = "",
     plugin: Plugins = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Result:
     """Let a method do a task in new sessions, on all cores, and write a LeRobot data set of it."""
     need("sim", "lerobot")
     from trocar.eval.study import Condition  # the simulator is heavy
@@ -149,7 +148,7 @@ def demonstrations(
     written = export_episodes(trials, missing, folder / "data", layout, successes=failures == DROP)
     summary = {**written.summary, "trials": len(rows), "succeeded": reached}
     line = f"{reached} of {counted(len(rows), 'trial')} reached all goals; trials: {condition.folder}"
-    Result(summary, [line, *written.lines]).show(as_json)
+    return Result(summary, [line, *written.lines])
 
 
 class _Demonstrations(TaskGroup):

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import webbrowser
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from typer import Argument, Option
+from typer import Argument
 
-from trocar.cli.options import OpenBrowser, Port
+from trocar.cli.group import Result
+from trocar.cli.options import JsonFlag, OpenBrowser, Port
 from trocar.cli.progress import progress
 from trocar.counting import counted
 from trocar.errors import InvalidInput
@@ -22,7 +22,7 @@ def open_runs(
     *,
     port: Port = 8000,
     open_browser: OpenBrowser = True,
-    as_json: Annotated[bool, Option("--json", help="Print the table as one JSON object and nothing else.")] = False,
+    as_json: JsonFlag = False,
 ) -> None:
     """Show all runs below some folders in the browser: a table, the failures of each, two side by side, replays.
 
@@ -36,7 +36,7 @@ def open_runs(
     with progress() as tick:
         runs = shelf.runs(tick)
     if as_json:
-        typer.echo(json.dumps({"runs": [run.row() for run in runs]}))
+        Result({"runs": [run.row() for run in runs]}).show(as_json)
         return
     if not runs:
         where = " or ".join(repr(str(folder)) for folder in folders)

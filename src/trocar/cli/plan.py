@@ -22,9 +22,6 @@ from trocar.files.reading import read_numbers
 from trocar.motion import PLANNERS, ArmMotion, MotionPlan, MotionProblem, plan_motion, vertical_deviation_m
 from trocar.trajectory import Trajectory
 
-UPRIGHT = (True, False, True)
-"""The pieces of a transfer that are straight: the first lifts, the last lowers."""
-
 MIN_STEP_MS = 0.1
 
 KIND = "trocar motion"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import webbrowser
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -103,7 +102,7 @@ def finish(folder: Path, as_json: bool, interrupted: bool, place: tuple[int, int
     strange += kept_pictures(into)
     summary, files = write_report(folder, trials, strange, into)
     if as_json:
-        typer.echo(json.dumps(summary))
+        Result(summary).show(as_json)
     else:
         _show(summary, trials, strange, files, interrupted)
     return summary["succeeded"] == summary["attempted"]

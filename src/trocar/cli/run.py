@@ -222,8 +222,7 @@ def study(
     scheduler: Scheduler = "",
     report_only: ReportOnly = False,
     plugin: Plugins = None,
-    as_json: JsonFlag = False,
-) -> None:
+) -> Result:
     """Run every method in the same sessions, compare them, and set the paper's figures beside them."""
     need("sim")
     from trocar.eval.study import conditions_of, study_of  # the simulator is heavy
@@ -245,7 +244,7 @@ def study(
     )
     results, missing = worked(folder, conditions, of_task.kind, report_only, jobs, backend, scheduler)
     summary, tables, notes, files = write_study(folder, task.name, of_task, results, missing)
-    _printed(summary, tables, notes, files).show(as_json)
+    return _printed(summary, tables, notes, files)
 
 
 class _Studies(TaskGroup):

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from typer import Option
 from typer.models import OptionInfo
 
-from trocar.cli.group import Deferred, Group, Known, command_of
+from trocar.cli.group import Deferred, Group, Known, Result, command_of
 from trocar.cli.options import Plugins, load_given
 from trocar.errors import BadFile, InvalidInput, UnknownName
 from trocar.eval import TASKS, Task, methods_of, methods_of_any, perceptions_of, pick_method
@@ -38,7 +38,7 @@ class TaskGroup(Group):
         of_run: names of those fields of ``RunConfig`` that are options here.
     """
 
-    body: Callable[..., None]
+    body: Callable[..., Result | None]
     kind: str
     does: str
     example: str
@@ -84,8 +84,8 @@ class TaskGroup(Group):
         hints = inspect.get_annotations(RunConfig, eval_str=True)
         known = {"method": (*methods_of(task), *methods_of_any()), "perception": perceptions_of(task)}
         parameters = [_parameter(OF_RUN[name], hints[name], choices=known.get(name, ())) for name in self.of_run]
-        of_body = inspect.signature(self.body, eval_str=True).parameters.values()
-        parameters += [one for one in of_body if one.name not in ("task", "options", "run")]
+        of_body = inspect.signature(self.body, eval_str=True)
+        parameters += [one for one in of_body.parameters.values() if one.name not in ("task", "options", "run")]
         own, varied = {field.name: field for field in fields(task)}, self.varied(task)  # type: ignore[arg-type]
         taken = {one.name for one in parameters} | {flag for one in parameters for flag in _flags(one)}
         for name, field in own.items():
@@ -98,12 +98,13 @@ class TaskGroup(Group):
             choices = field.metadata.get("choices", ())
             parameters.append(_parameter(field, hints[name], OWN, choices, listed=name == varied))
 
-        def command(**given: Any) -> None:
+        def command(**given: Any) -> Result | None:
             options, run = ({name: given.pop(name) for name in names} for names in (own, self.of_run))
             run |= {name: tuple(value or ()) for name, value in run.items() if isinstance(value, list | None)}
-            self.body(task=task, options=options, run=run, **given)
+            return self.body(task=task, options=options, run=run, **given)
 
-        command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        signature = inspect.Signature(parameters, return_annotation=of_body.return_annotation)
+        command.__signature__ = signature  # type: ignore[attr-defined]
         methods = "; ".join(f"{name}: {pick_method(task, name).about}" for name in methods_of(task))
         kept = "Interrupted, it keeps its finished trials; the same command continues where it stopped."
         command.__doc__ = f"{_about(task)}.\n\n{self.does} {kept}\n\nMethods: {methods}."

@@ -38,12 +38,8 @@ DVRK = {"psm-classic": "dvrk", "psm-si": "dvrk"}
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export wrote: folder, episodes, frames, features, and how many trials were left out.
+    """What an export wrote, and how many trials it left out: as failures, and as too short for a second frame."""
 
-    As failures, and because they stopped before their second frame.
-    """
-
-    folder: Path
     episodes: int
     frames: int
     features: list[str]
@@ -123,7 +119,7 @@ def export_lerobot(
     _remove_others(place, how, written)
     tick("writing episodes", len(trials), len(trials))
     write_meta(place, how, written, list(words.tasks), list(words.steps), list(words.phases))
-    return Exported(place, len(written), frames, list(written[0].features), left_out, short)
+    return Exported(len(written), frames, list(written[0].features), left_out, short)
 
 
 def _opened_folder(folder: str | Path) -> Path:

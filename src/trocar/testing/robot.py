@@ -193,10 +193,7 @@ class _RobotCheck:
         require(whole, self.subject, "return what it commanded and measured, a row of six joints and the jaw a time")
         forward = np.all(np.diff(result.times_s) > 0)
         require(forward, self.subject, "return times that run forward")
-        steps_s = np.diff(result.times_s)
-        steps_s = np.maximum(steps_s, np.median(steps_s))[
-            :, None
-        ]  # two reports may come closer together than they were sent
-        velocity = np.diff(result.commanded[:, :6], axis=0) / steps_s
+        steps_s = np.diff(result.times_s)  # two reports may come closer together than they were sent
+        velocity = np.diff(result.commanded[:, :6], axis=0) / np.maximum(steps_s, np.median(steps_s))[:, None]
         use = float(np.max(np.abs(velocity) / self.limits.velocity))
         require(use < 1.05, self.subject, f"command no more than the limits of velocity, not {use:.2f} of them")
