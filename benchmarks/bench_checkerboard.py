@@ -4,11 +4,10 @@ Each session shows the board by hand in some views, mounts the bracket on each b
 camera and bases from simulated images. Beside it, two thousand sessions drawn without images: `sd_mm` and `sd_deg`
 of the station are right if both columns agree. About 30 s of one core a session.
 
-Run: .venv/bin/python benchmarks/bench_checkerboard.py [--sessions N] [--seed N] [--exact-brackets] [--json]
+Run: .venv/bin/python benchmarks/bench_checkerboard.py [--sessions N] [--seed N] [--exact-brackets]
 """
 
 import argparse
-import json
 import os
 import time
 from dataclasses import replace
@@ -89,7 +88,6 @@ def main():
     parser.add_argument("--sessions", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--exact-brackets", action="store_true", help="brackets without an error: images alone")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     station = load_station(STATION)
     if options.exact_brackets:
@@ -98,25 +96,13 @@ def main():
     rows, at_board, pixels, seconds = through_images(station, options.sessions, options.seed)
     seen, without = spread(rows), spread(drawn(station, DRAWN, options.seed))
     sd = np.sqrt(np.mean(at_board**2, axis=0))
-    found = {
-        "sessions": options.sessions,
-        "seconds": seconds,
-        "images": seen,
-        "drawn": without,
-        "rms_px": pixels.mean(0).tolist(),
-        "board_rms_mm_deg": sd.tolist(),
-        "sd_mm": float(np.sqrt(np.mean(sd[:3] ** 2))),
-        "sd_deg": float(np.sqrt(np.mean(sd[3:] ** 2))),
-    }
-    if options.json:
-        print(json.dumps(found))
-        return
+    sd_mm, sd_deg = (np.sqrt(np.mean(part**2)) for part in (sd[:3], sd[3:]))
     print(f"{options.sessions} sessions through images, {seconds:.0f} s each; {DRAWN} drawn without: mean (p95)")
     for name, (mean, high) in seen.items():
         print(f"  {name:32s} {mean:6.3f} ({high:6.3f})    {without[name][0]:6.3f} ({without[name][1]:6.3f})")
     axes = " ".join(f"{value:.3f}" for value in sd)
     print(f"reprojection, RMS: lenses {pixels[:, 0].mean():.3f} px, boards {pixels[:, 1:].mean():.3f} px")
-    print(f"at the board, RMS an axis: {axes} -> sd_mm {found['sd_mm']:.3f}, sd_deg {found['sd_deg']:.3f}")
+    print(f"at the board, RMS an axis: {axes} -> sd_mm {sd_mm:.3f}, sd_deg {sd_deg:.3f}")
 
 
 if __name__ == "__main__":

@@ -3,11 +3,10 @@
 Models are fitted on a recording simulated with the identified plant. Times of corrections are the processor's. Fitting
 the LSTM takes most of the minute.
 
-Run: .venv/bin/python benchmarks/bench_compensation.py [--models play lstm] [--motions N] [--seed N] [--json]
+Run: .venv/bin/python benchmarks/bench_compensation.py [--models play lstm] [--motions N] [--seed N]
 """
 
 import argparse
-import json
 import os
 import time
 from itertools import pairwise
@@ -102,7 +101,6 @@ def measured(kind, rows, desired, motions, rng):
         "median_ms": float(np.median(times_ms)),
         "p95_ms": float(np.quantile(times_ms, 0.95)),
         "rmse_rad": np.sqrt(np.mean(error**2, axis=0)).tolist(),
-        "rmse_measured_rad": np.sqrt(np.mean(error**2, axis=0) + PSM1_GREY.noise_sd[3:] ** 2).tolist(),
         "motion_s": float(np.mean([path.commands.duration_s for path in paths])),
         "motion_median_ms": float(np.median(motions_ms)),
         "motion_p95_ms": float(np.quantile(motions_ms, 0.95)),
@@ -118,16 +116,12 @@ def main():
     parser.add_argument("--models", nargs="+", default=list(MODELS), choices=list(MODELS))
     parser.add_argument("--motions", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
     rows, desired = recording(rng), random_smooth_path(ARM, rng, SET_POINTS)
     motions = transfers(rng, options.motions)
-    results = {}
     for name in options.models:
-        results[name] = found = measured(MODELS[name], rows, desired, motions, rng)
-        if options.json:
-            continue
+        found = measured(MODELS[name], rows, desired, motions, rng)
         rmse = " ".join(f"{value:.4f}" for value in found["rmse_rad"])
         print(
             f"{name:7s} {found['method']:10s} fit {found['fit_s']:5.1f} s; one set-point {found['median_ms']:.3f} ms "
@@ -138,8 +132,6 @@ def main():
             "acceleration",
             flush=True,
         )
-    if options.json:
-        print(json.dumps(results))
 
 
 if __name__ == "__main__":

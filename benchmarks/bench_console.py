@@ -27,6 +27,7 @@ from trocar.console import Watch
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3, SO3
 from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.peg_transfer.goals import Transfer
@@ -208,6 +209,22 @@ class Seat(Watch):
         self.console._show = both
         self.person.start()
 
+    def play(self, config: RunConfig) -> Trial:
+        """Return a trial at which the person sat."""
+        with TemporaryDirectory() as folder:
+            return run_trial(config, prepare(config, 0, folder), 0, attendant=self, raise_errors=True)
+
+
+def print_trial(trial: Trial, out: Path | None) -> None:
+    """Print what came of a trial, and keep it if that is wanted."""
+    done = sum(score["succeeded"] for score in trial.scores)
+    print(f"{done} of {len(trial.scores)} transfers in {trial.duration_s:.0f} s, {len(trial.collisions)} collisions")
+    print(f"ended {trial.ended} {trial.reason}")
+    for number, score in enumerate(trial.scores, 1):
+        print(number, score)
+    if out:
+        trial.save(out)
+
 
 def main() -> None:
     """Run one trial."""
@@ -222,16 +239,11 @@ def main() -> None:
     given = parser.parse_args()
     config = RunConfig(PegTransfer(transfers=given.transfers, budget_s=600.0), method=given.method, seed=given.seed)
     person = Person(0, given.late, 1e-3 * given.tremor_mm, np.random.default_rng(given.seed))
-    with TemporaryDirectory() as folder, Seat(person, speed=given.speed, port=None, inputs=0) as seat:
-        trial = run_trial(config, prepare(config, 0, Path(folder)), 0, attendant=seat, raise_errors=True)
-    done = sum(score["succeeded"] for score in trial.scores)
+    with Seat(person, speed=given.speed, port=None, inputs=0) as seat:
+        trial = seat.play(config)
+    print_trial(trial, given.out)
     p50, p95 = 1e3 * np.percentile(seat.latencies_s, (50, 95))
-    print(f"{done} of {len(trial.scores)} transfers in {trial.duration_s:.0f} s, {len(trial.collisions)} collisions")
-    print(f"from the hand to the set-point: p50 {p50:.0f} ms, p95 {p95:.0f} ms; ended {trial.ended} {trial.reason}")
-    for k, score in enumerate(trial.scores):
-        print(k + 1, score)
-    if given.out:
-        trial.save(given.out)
+    print(f"from the hand to the set-point: p50 {p50:.0f} ms, p95 {p95:.0f} ms")
 
 
 if __name__ == "__main__":

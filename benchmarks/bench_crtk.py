@@ -10,9 +10,7 @@ A listener beside them notes when each set-point came and what it was. Times are
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
-import subprocess
 import sys
 import tempfile
 import time
@@ -28,6 +26,9 @@ from trocar.crtk.bus import open_bus
 from trocar.crtk.messages import JointState
 from trocar.hardware import HardwareLaboratory, LoopSettings
 from trocar.lab.topics import Topics
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from crtk_partners import said, served
 
 POLL_S = 0.0003
 
@@ -63,24 +64,6 @@ def listen(topics: Topics, ready: Event, over: Event, path: Path) -> None:
     np.save(path, np.array(rows).reshape(-1, 8))
 
 
-class Served:
-    """A served cell in a process of its own."""
-
-    def __init__(self, topics: Topics):
-        words = [sys.executable, "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--json"]
-        words += ["--ros", str(topics.ros), "--domain", str(topics.domain), "--master", topics.master]
-        self.process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-        reads = open_bus(topics).subscriber(f"{topics.of_arm(ARMS[0])}/measured_js", JointState)
-        while not reads.take():  # a busy machine takes its time
-            assert self.process.poll() is None, "it has ended"
-            time.sleep(0.1)
-
-    def stop(self) -> dict:
-        """Return what it says at its end."""
-        self.process.send_signal(2)
-        return json.loads(self.process.communicate(timeout=60)[0])
-
-
 def steady(topics: Topics, rate_hz: int, seconds: float) -> None:
     """Print what became of the set-points of some time."""
     context = multiprocessing.get_context("spawn")
@@ -90,13 +73,18 @@ def steady(topics: Topics, rate_hz: int, seconds: float) -> None:
         listener = context.Process(target=listen, args=(topics, ready, over, folder / "heard.npy"))
         listener.start()
         ready.wait(30.0)
-        served = Served(topics)
+        words = ("--ros", str(topics.ros), "--domain", str(topics.domain), "--master", topics.master)
         settings = LoopSettings(tick_s=tick_s, max_late=10**9, max_stall_s=10.0, stale_s=2.0, lag_s=2.0)
         connect = partial(CountingArm, topics=topics, folder=folder)
-        with HardwareLaboratory(STATION, connect, settings) as laboratory:
-            laboratory.run(lambda cell: swing(cell, seconds), seconds + 30.0)
-        time.sleep(0.5)
-        said = served.stop()
+        with served(*words) as cell:
+            reads = open_bus(topics).subscriber(f"{topics.of_arm(ARMS[0])}/measured_js", JointState)
+            while not reads.take():  # a busy machine takes its time
+                assert cell.poll() is None, "it has ended"
+                time.sleep(0.1)
+            with HardwareLaboratory(STATION, connect, settings) as laboratory:
+                laboratory.run(lambda cell: swing(cell, seconds), seconds + 30.0)
+            time.sleep(0.5)
+            told = said(cell)
         over.set()
         listener.join()
         sent = int((folder / f"{ARMS[0]}.count").read_text())
@@ -105,11 +93,11 @@ def steady(topics: Topics, rate_hz: int, seconds: float) -> None:
     step = float(np.abs(np.diff(rows[:, 2:], axis=0) / (LIMITS.velocity * tick_s)).max())
     print(
         f"ROS {topics.ros}, {rate_hz} Hz, {seconds:g} s: {sent} set-points sent, {len(rows)} heard, "
-        f"{said['received'][ARMS[0]]} received; latency {1e3 * np.median(latency_s):.2f} ms (p50), "
+        f"{told['received'][ARMS[0]]} received; latency {1e3 * np.median(latency_s):.2f} ms (p50), "
         f"{1e3 * np.percentile(latency_s, 99.9):.2f} (p99.9), {1e3 * latency_s.max():.1f} (max); gaps "
         f"{1e3 * np.median(gaps_s):.2f} ms (p50), {1e3 * np.percentile(gaps_s, 99.9):.2f} (p99.9), "
         f"{1e3 * gaps_s.max():.1f} (max); largest step {step:.3f} of the limit; driven at most at "
-        f"{max(said['limit_use'][ARMS[0]]):.4f} of the limits"
+        f"{max(told['limit_use'][ARMS[0]]):.4f} of the limits"
     )
 
 

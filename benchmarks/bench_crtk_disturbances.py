@@ -12,16 +12,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import random
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -46,6 +43,9 @@ from served_record import TICK_SERVOS
 from trocar.errors import TrocarError
 from trocar.eval.trial import Trial, trial_file
 from trocar.hardware.arm import PASSING, Fault
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from crtk_partners import python_of, ros1_master
 
 MOST_RATIO = 1.001
 WITHIN_S = 3.5
@@ -207,19 +207,6 @@ class Bench:
                 shutil.rmtree(out)
 
 
-@contextmanager
-def _master(port: int) -> Iterator[None]:
-    """Run a ROS 1 master."""
-    environment = os.environ | {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_HOSTNAME": "127.0.0.1"}
-    command = ["rosmaster", "--core", "-p", str(port)]
-    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
-        time.sleep(2.0)
-        try:
-            yield
-        finally:
-            process.terminate()
-
-
 def told(found: Try) -> str:
     """Return a try in one line."""
     when = f"{found.number:3d} {found.seconds:4.0f} s, moved after {found.started_s:.0f} s"
@@ -247,7 +234,6 @@ def main() -> int:
     parser.add_argument("--times", type=int, default=20, help="how many tries")
     parser.add_argument("--seed", type=int, default=1, help="of what happens, and when")
     parser.add_argument("--ros", type=int, choices=(1, 2), default=2, help="1 needs .ros1, from tools/ros1.sh")
-    parser.add_argument("--port", type=int, default=11331, help="of the ROS 1 master that is started")
     parser.add_argument("--out", type=Path, default=Path("out/disturbances"), help="folder of the tries")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # else processes would be left behind
@@ -255,10 +241,8 @@ def main() -> int:
     out.mkdir(parents=True, exist_ok=True)
     lines = out / "tries.jsonl"
     tries = [Try(**json.loads(line)) for line in lines.read_text().splitlines()] if lines.is_file() else []
-    words, python = [], sys.executable
-    if options.ros == 1:
-        words, python = ["--ros", "1", "--master", f"http://127.0.0.1:{options.port}"], ".ros1/bin/python"
-    with _master(options.port) if options.ros == 1 else nullcontext():
+    with ros1_master() if options.ros == 1 else nullcontext("") as master:
+        words, python = (["--ros", "1", "--master", master], str(python_of(1))) if master else ([], sys.executable)
         bench = Bench(out, options.seed, words, python)
         try:
             for number in range(len(tries), options.times):

@@ -6,11 +6,10 @@ give) and after it: constant part and scatter apart. In the cell `mild`, `play` 
 compared with the cables alone (without what does not repeat) on another motion. Beside it: the joints of the closed
 form, and as many joints with drawn noise. Times are the processor's. Three minutes an arm.
 
-Run: .venv/bin/python benchmarks/bench_fiducials.py [--rows N] [--seed N] [--json]
+Run: .venv/bin/python benchmarks/bench_fiducials.py [--rows N] [--seed N]
 """
 
 import argparse
-import json
 import os
 import time
 from dataclasses import replace
@@ -107,13 +106,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=int, default=1355)
     parser.add_argument("--seed", type=int, default=3)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    found = {arm: measure(arm, options.rows, options.seed) for arm in ("psm1", "psm2")}
-    if options.json:
-        print(json.dumps(found))
-        return
-    for arm, figures in found.items():
+    for arm in ("psm1", "psm2"):
+        figures = measure(arm, options.rows, options.seed)
         print(
             f"{arm}: {figures['image_ms']:.0f} ms an image, {100 * figures['good']:.0f} % good, distances "
             f"{figures['sphere_distance_rms_mm']:.2f} mm RMS, joints from centres {figures['joints_s']:.1f} s"

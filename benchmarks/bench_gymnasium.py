@@ -4,11 +4,10 @@ Random joint actions in the peg transfer with one arm. Times of one process are 
 busy machine too; those of several processes are the wall clock's. `--random N` also drives N random steps through every
 task and tells what broke. Two minutes without it.
 
-Run: .venv/bin/python benchmarks/bench_gymnasium.py [--steps N] [--random N] [--json]
+Run: .venv/bin/python benchmarks/bench_gymnasium.py [--steps N] [--random N]
 """
 
 import argparse
-import json
 import os
 import time
 
@@ -21,7 +20,6 @@ import mujoco
 import trocar.learn.envs
 from trocar.eval import TASKS
 from trocar.learn.environment import CellEnv
-from trocar.robots import TICK_S
 from trocar.sim.spec import TIMESTEP_S
 
 RATE_HZ = 30.0
@@ -88,33 +86,19 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=600)
     parser.add_argument("--random", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     state, alone, reset_s = steps_a_second(asked.steps)
     above, _, _ = steps_a_second(asked.steps // 4, calibrated=True)
     images, _, _ = steps_a_second(asked.steps // 10, observation=("state", "images"))
-    cores = os.cpu_count() or 1
-    found = {
-        "rate_hz": RATE_HZ,
-        "ticks_a_step": 1 / RATE_HZ / TICK_S,
-        "state": state,
-        "state_calibrated": above,
-        "state_and_images": images,
-        "mujoco_alone": alone,
-        "reset_s": reset_s,
-        "processes": {str(n): scaled(asked.steps // 4, n) for n in sorted({1, cores})},
-        "largest_limit_use": {task: driven(task, asked.random) for task in TASKS} if asked.random else {},
-    }
-    if asked.json:
-        print(json.dumps(found))
-        return
     print(f"steps of {1e3 / RATE_HZ:.0f} ms a second of one core")
-    for name in ("state", "state_calibrated", "state_and_images", "mujoco_alone"):
-        print(f"  {name.replace('_', ' '):18} {found[name]:7.0f}")
-    print(f"a reset takes {reset_s:.2f} s; wall clock, by processes:")
-    for name, rate in found["processes"].items():
+    rates = {"state": state, "state calibrated": above, "state and images": images, "mujoco alone": alone}
+    for name, rate in rates.items():
         print(f"  {name:18} {rate:7.0f}")
-    for task, share in found["largest_limit_use"].items():
+    print(f"a reset takes {reset_s:.2f} s; wall clock, by processes:")
+    for count in sorted({1, os.cpu_count() or 1}):
+        print(f"  {count:<18} {scaled(asked.steps // 4, count):7.0f}")
+    for task in TASKS if asked.random else ():
+        share = driven(task, asked.random)
         print(f"{task}: {asked.random} random steps used {100 * share:.1f} % of the limits at most")
 
 

@@ -13,15 +13,12 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from bench_console import ARM, Person, Seat
+from bench_console import ARM, Person, Seat, print_trial
 
 from trocar.eval.config import RunConfig
-from trocar.eval.prepare import prepare
-from trocar.eval.run import run_trial
 from trocar.geometry import SE3, SO3
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.view.console_view import HANDLE_M, Wish
@@ -208,17 +205,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     config = RunConfig(PegTransfer(transfers=given.transfers, budget_s=1800.0), method="person", seed=given.seed)
-    with TemporaryDirectory() as folder, MouseSeat(given.speed) as seat:
-        trial = run_trial(config, prepare(config, 0, Path(folder)), 0, attendant=seat, raise_errors=True)
+    with MouseSeat(given.speed) as seat:
+        trial = seat.play(config)
         seat.person.join()
-    done = sum(score["succeeded"] for score in trial.scores)
-    held = seat.said.count(Wish.HOLD)
-    print(f"{done} of {len(trial.scores)} transfers in {trial.duration_s:.0f} s, {len(trial.collisions)} collisions")
-    print(f"{seat.person.drags} drags, in which the page told {held} places; ended {trial.ended} {trial.reason}")
-    for k, score in enumerate(trial.scores):
-        print(k + 1, score)
-    if given.out:
-        trial.save(given.out)
+    print_trial(trial, given.out)
+    print(f"{seat.person.drags} drags, in which the page told {seat.said.count(Wish.HOLD)} places")
     if seat.person.wrong is not None:
         raise seat.person.wrong
 

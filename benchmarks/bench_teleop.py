@@ -18,19 +18,16 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from trocar.eval.config import RunConfig
-from trocar.eval.prepare import prepare
-from trocar.eval.run import run_trial
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.view.console_view import Said, Wish
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "view"))
-from bench_console import Person, Seat
+from bench_console import Person, Seat, print_trial
 from browser import Page, browser
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "teleop_phone.py"
@@ -144,20 +141,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     config = RunConfig(PegTransfer(transfers=1), method="person", seed=given.seed)
-    with browser() as page, TemporaryDirectory() as folder:
+    with browser() as page:
         person = Telephone(page, 0, LATE_S, TREMOR_M, np.random.default_rng(given.seed))
         with Seat(person, speed=given.speed, port=None, inputs=0) as seat, example(given.python, person.port) as port:
             person.start_page(port)
             hear = seat._inputs.said
             seat._inputs.said = lambda: [person.note(said) or said for said in hear()]
-            trial = run_trial(config, prepare(config, 0, Path(folder)), 0, attendant=seat, raise_errors=True)
-    print(f"{trial.duration_s:.1f} s, {len(trial.collisions)} collisions; ended {trial.ended} {trial.reason}")
+            trial = seat.play(config)
+    print_trial(trial, given.out)
     for way, delays_s in (("telephone to console", person.delays_s), ("console to set-point", seat.latencies_s)):
         p50, p95 = 1e3 * np.percentile(delays_s, (50, 95))
         print(f"{way}: p50 {p50:.0f} ms, p95 {p95:.0f} ms ({len(delays_s)} poses)")
-    print(*trial.scores)
-    if given.out:
-        trial.save(given.out)
 
 
 @contextmanager

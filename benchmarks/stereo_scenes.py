@@ -69,7 +69,7 @@ class Shown:
     marks: dict[str, NDArray[np.float64]]
 
 
-def scenes(count: int, seed: int, backdrop: str = "plain", arms: bool = True) -> Iterator[Shown]:
+def scenes(count: int, seed: int, backdrop: str = "plain") -> Iterator[Shown]:
     """Yield random scenes: fragments anywhere in their region, arms anywhere over the surface, jaws open at random."""
     for number in range(count):
         rng = np.random.default_rng([seed, number])
@@ -88,7 +88,7 @@ def scenes(count: int, seed: int, backdrop: str = "plain", arms: bool = True) ->
         else:
             lay_anew(world, reach, rng)
         for name in world.arm_names:
-            put_arm(world, name, rng, arms)
+            put_arm(world, name, rng)
         mujoco.mj_kinematics(world.model, world.data)
         yield show(world, eyes, rng)
 
@@ -118,11 +118,11 @@ def lay_anew(world: World, reach_m: list[float], rng: np.random.Generator) -> No
         world.data.qpos[start : start + 7] = [*place, T.translation_m[2], *turned.as_quaternion()]
 
 
-def put_arm(world: World, name: str, rng: np.random.Generator, over_surface: bool = True) -> None:
+def put_arm(world: World, name: str, rng: np.random.Generator) -> None:
     """Put an arm's tip somewhere over its half of the surface, its tool at any roll and a little tilted."""
     arm, index = STATION.arms[name], world.arms[name]
     q = arm.park_q()
-    for _ in range(300 if over_surface else 0):
+    for _ in range(300):
         turn = SO3.exp(rng.uniform(-TILT_RAD, TILT_RAD, 3)) @ SO3.axis("z", rng.uniform(0, TURN))
         T_world_tip = SE3.from_parts(turn, rng.uniform(*np.array(TIPS_M[name])))
         try:
@@ -130,7 +130,7 @@ def put_arm(world: World, name: str, rng: np.random.Generator, over_surface: boo
             break
         except TrocarError:
             continue
-    set_arm(world, name, q, float(rng.uniform(0, OPEN_RAD)) if over_surface else arm.park_jaw_rad)
+    set_arm(world, name, q, float(rng.uniform(0, OPEN_RAD)))
     assert np.isfinite(world.data.qpos[index.qpos]).all()
 
 
