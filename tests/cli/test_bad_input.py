@@ -1,10 +1,7 @@
 """Every command with every kind of bad input: one sentence on stderr, exit code 2, nothing half-written."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 import zipfile
 
 import numpy as np
@@ -381,10 +378,3 @@ def test_an_absent_block_is_code_1_with_an_object(trocar, tmp_path, monkeypatch)
     assert code == 1
     assert json.loads(out)["found"] is False
     assert err == ""
-
-
-def test_the_installed_command_prints_no_traceback(folder):
-    command = [sys.executable, "-c", "from trocar.cli import main; main()", "station", "show", "nan.toml"]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=os.environ, check=False)
-    assert result.returncode == 2
-    assert re.fullmatch(r"trocar: [^\n]+\n", result.stderr)

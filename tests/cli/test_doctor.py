@@ -2,6 +2,8 @@
 
 import shlex
 
+import pytest
+
 from trocar import __version__
 from trocar.cli import installed, options
 from trocar.extras import EXTRAS, how_to_install
@@ -41,7 +43,19 @@ def test_a_missing_extra_comes_with_its_remedy(trocar, monkeypatch):
     assert "calibrate" in out.splitlines()[-1]
 
 
-def test_commands_that_need_a_missing_extra_say_the_same(trocar, monkeypatch, tmp_path):
-    without(monkeypatch, "mujoco")
-    code, _, err = trocar("run", "peg-transfer", "--out", tmp_path / "run")
-    assert code == 2 and "pip install -e '.[sim]'" in err and not (tmp_path / "run").exists()
+@pytest.mark.parametrize(
+    ("line", "extra"),
+    [
+        ("run peg-transfer --out out", "sim"),
+        ("export run --out out --format mcap", "bags"),
+        ("recording show a.bag", "bags"),
+        ("recording import a.bag --out a.npz", "bags"),
+        ("view run", "view"),
+    ],
+)
+def test_a_command_that_needs_a_missing_extra_says_the_same(trocar, monkeypatch, tmp_path, line, extra):
+    monkeypatch.chdir(tmp_path)
+    without(monkeypatch, *EXTRAS[extra])
+    code, _, err = trocar(*line.split())
+    said = f"trocar: this command needs {', '.join(EXTRAS[extra])}; {how_to_install(extra)}\n"
+    assert (code, err) == (2, said) and not list(tmp_path.iterdir())

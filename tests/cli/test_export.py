@@ -76,12 +76,6 @@ def test_a_trial_becomes_a_recording_of_messages(trocar, run, tmp_path):
     assert code == 0 and "arms with commands and measurements: /PSM1, /PSM2" in out
 
 
-def test_without_the_extra_a_recording_says_what_to_install(trocar, run, tmp_path, monkeypatch):
-    monkeypatch.setattr("trocar.cli.options.find_spec", lambda module: None)
-    code, _, err = trocar("export", run, "--out", tmp_path / "mcap", "--format", "mcap")
-    assert code == 2 and "needs rosbags, mcap; install the extra" in err and not (tmp_path / "mcap").exists()
-
-
 @pytest.mark.parametrize(
     ("what", "words", "said"),
     [

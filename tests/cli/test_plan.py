@@ -80,13 +80,12 @@ def plugin(registries, tmp_path):
     """A file with a planner that is too fast, or finds nothing."""
     path = tmp_path / "hasty.py"
     path.write_text(PLUGIN)
-    return path, "hasty"
+    return path
 
 
 def test_a_motion_that_is_refused_is_told_and_the_exit_code_is_1(run, tmp_path, plugin):
-    path, name = plugin
     np.save(tmp_path / "four.npy", np.stack([FOUR, FOUR * [-1, 1, 1, 1, 1, 1]]))
-    words = (tmp_path / "four.npy", "--plugin", path, "--planner", name)
+    words = (tmp_path / "four.npy", "--plugin", plugin, "--planner", "hasty")
     code, out, _ = run(*words, "--json")
     assert code == 1
     answer = json.loads(out)
@@ -94,7 +93,7 @@ def test_a_motion_that_is_refused_is_told_and_the_exit_code_is_1(run, tmp_path, 
     assert not hasty["found"] and hasty["duration_s"] == pytest.approx(0.3) and hasty["max_acceleration_ratio"] > 2
     assert any("of its acceleration limit" in violation for violation in hasty["violations"])
     assert not late["found"] and late["duration_s"] is None and late["bound_s"] > 0
-    assert late["reason"] == f"planner '{name}' found no motion: it is too late to plan"
+    assert late["reason"] == "planner 'hasty' found no motion: it is too late to plan"
     assert answer["mean_duration_s"] is None
     code, out, _ = run(*words)
     assert code == 1
@@ -103,11 +102,11 @@ def test_a_motion_that_is_refused_is_told_and_the_exit_code_is_1(run, tmp_path, 
 
 
 def test_a_plugin_is_loaded_before_the_other_options_are_looked_at(run, tmp_path, plugin):
-    path, name = plugin
     np.save(tmp_path / "four.npy", FOUR)
-    code, _, err = run(tmp_path / "four.npy", "--planner", name)
+    words = (tmp_path / "four.npy", "--planner", "hasty")
+    code, _, err = run(*words)
     assert code == 2 and "is unknown; choose one of" in err
-    code, _, err = run(tmp_path / "four.npy", "--planner", name, "--plugin", path)
+    code, _, err = run(*words, "--plugin", plugin)
     assert code == 1 and err == ""
 
 

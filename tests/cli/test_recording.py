@@ -120,10 +120,3 @@ def test_what_cannot_be_imported_is_one_sentence(trocar, tmp_path, monkeypatch, 
     code, out, err = trocar("recording", "import", bag, *words)
     assert (code, out) == (2, "") and said in err and err.count("\n") == 1
     assert [file.name for file in tmp_path.iterdir()] == ["bag.bag"]
-
-
-def test_without_the_extra_both_commands_say_what_to_install(trocar, tmp_path, monkeypatch):
-    monkeypatch.setattr("trocar.cli.options.find_spec", lambda module: None)
-    for words in (("show", "a.bag"), ("import", "a.bag", "--out", "a.npz")):
-        code, _, err = trocar("recording", *words)
-        assert code == 2 and "needs rosbags, mcap; install the extra" in err and "'.[bags]'" in err

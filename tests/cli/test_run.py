@@ -70,12 +70,6 @@ def test_a_quiet_report_names_trials_that_it_leaves_aside(trocar, played, tmp_pa
     assert "left aside" in " ".join(out.split()) and len(out.splitlines()) < 10
 
 
-def test_the_default_folder_is_named_after_the_run(trocar, played, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    trocar("run", "peg-transfer", "--method", "uncalibrated", "--seed", 8)
-    assert trial_file(tmp_path / "out" / "peg-transfer-uncalibrated-8", 0, 0).is_file()
-
-
 def test_sessions_times_trials_are_played_session_by_session(trocar, played, tmp_path):
     words = ("run", "peg-transfer", "--sessions", 2, "--trials", 3, "--out", tmp_path, "--json")
     code, out, _ = trocar(*words)

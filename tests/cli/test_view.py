@@ -9,7 +9,6 @@ from trocar.eval.trial import Trial, trial_file
 
 pytest.importorskip("viser")
 from trocar.cli import report as cli
-from trocar.extras import how_to_install
 from trocar.view.trial_view import TrialView
 
 TITLE = "peg-transfer unilateral calibrated"
@@ -49,7 +48,7 @@ def loaded(monkeypatch):
     return files
 
 
-def test_a_trial_is_served_and_a_browser_opened(trocar, run, served, loaded):
+def test_a_trial_is_served_and_a_browser_opened_until_ctrl_c(trocar, run, served, loaded):
     code, out, err = trocar("view", run, "--session", "1", "--trial", "2", "--port", "0")
     assert (code, out) == (0, "")
     ((port, page),) = served["pages"]
@@ -57,6 +56,8 @@ def test_a_trial_is_served_and_a_browser_opened(trocar, run, served, loaded):
     assert loaded == [trial_file(run, 1, 2)]
     assert served["opened"] == [f"http://127.0.0.1:{port}"]
     assert err == f"{TITLE}: http://127.0.0.1:{port} in a browser; Ctrl-C ends\n"
+    with pytest.raises(OSError):
+        urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=2)
 
 
 def test_no_browser_is_opened_if_not_wanted(trocar, run, served, loaded):
@@ -65,20 +66,7 @@ def test_no_browser_is_opened_if_not_wanted(trocar, run, served, loaded):
     assert served["opened"] == []
 
 
-def test_the_server_is_gone_afterwards(trocar, run, served):
-    trocar("view", run, "--port", "0")
-    port = served["pages"][0][0]
-    with pytest.raises(OSError):
-        urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=2)
-
-
 def test_a_trial_that_is_not_there_is_told(trocar, run, served):
     code, _, err = trocar("view", run, "--trial", "1")
     choices = "--session 0 --trial 0, --session 0 --trial 3, --session 1 --trial 2"
     assert (code, err) == (2, f"trocar: {str(run)!r} has no trial 1 of session 0; choose one of {choices}\n")
-
-
-def test_without_viser_the_extra_is_named(trocar, run, monkeypatch):
-    monkeypatch.setattr("trocar.cli.options.find_spec", lambda module: None)
-    code, _, err = trocar("view", run)
-    assert (code, err) == (2, f"trocar: this command needs viser; {how_to_install('view')}\n")

@@ -34,6 +34,17 @@ def folder(request, trials, tmp_path_factory):
     return place
 
 
+def interrupted(trials):
+    """Trials of which the last one is never there, because somebody presses Ctrl-C."""
+
+    class Interrupted(list):
+        def __iter__(self):
+            yield from self[:-1]
+            raise KeyboardInterrupt
+
+    return Interrupted(trials)
+
+
 def frames(folder):
     return [pq.read_table(path) for path in sorted((folder / "data").rglob("*.parquet"))]
 
@@ -129,16 +140,8 @@ def test_open_h_has_modalities_instructions_and_its_names(trials, tmp_path):
 
 
 def test_what_is_there_is_not_written_again_and_an_interrupted_export_continues(trials, tmp_path, monkeypatch):
-    def broken():
-        yield trials[0]
-        yield trials[1]
-        raise KeyboardInterrupt
-
-    class Interrupted(list):
-        __iter__ = staticmethod(broken)
-
     with pytest.raises(KeyboardInterrupt):
-        export_lerobot(Interrupted(trials), tmp_path)
+        export_lerobot(interrupted(trials), tmp_path)
     assert not (tmp_path / "meta" / "info.json").exists()
     wrote = []
     write_video = dataset.write_video
@@ -164,17 +167,9 @@ def test_a_trial_that_was_run_again_is_written_again(trials, tmp_path):
 
 
 def test_a_data_set_that_is_being_changed_is_none(trials, tmp_path):
-    export_lerobot(trials, tmp_path)
-
-    def broken():
-        yield trials[0]
-        raise KeyboardInterrupt
-
-    class Interrupted(list):
-        __iter__ = staticmethod(broken)
-
+    export_lerobot(trials[:2], tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        export_lerobot(Interrupted(trials), tmp_path, commanded=True)
+        export_lerobot(interrupted(trials[:2]), tmp_path, commanded=True)
     assert not (tmp_path / "meta" / "info.json").exists(), "it would be read, half old and half new"
 
 

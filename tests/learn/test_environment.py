@@ -32,6 +32,11 @@ def digest(env, seed, steps):
     return found.hexdigest()
 
 
+def still(env):
+    """Return the action that leaves an environment's arms where they are."""
+    return np.clip(env._control.observe()["joints"].astype(np.float64), env.action_space.low, env.action_space.high)
+
+
 @pytest.fixture(scope="module")
 def peg():
     env = CellEnv("peg-transfer", **ONE)
@@ -105,8 +110,7 @@ def test_the_same_seed_gives_the_same_bytes(peg):
 
 def test_thirty_steps_are_a_second(peg):
     peg.reset(seed=0)
-    start = peg._control.observe()["joints"].astype(np.float64)
-    start = np.clip(start, peg.action_space.low, peg.action_space.high)
+    start = still(peg)
     for _ in range(30):
         _, reward, terminated, _, info = peg.step(start)
     assert info["time_s"] == pytest.approx(1.0)
@@ -154,8 +158,7 @@ def test_increments_that_are_too_fast_do_not_turn_the_arm():
 
 def test_the_budget_truncates_and_nothing_follows(peg):
     peg.reset(seed=0)
-    action, truncated, steps = peg._control.observe()["joints"].astype(np.float64), False, 0
-    action = np.clip(action, peg.action_space.low, peg.action_space.high)
+    action, truncated, steps = still(peg), False, 0
     while not truncated:
         _, _, terminated, truncated, info = peg.step(action)
         steps += 1
@@ -166,7 +169,7 @@ def test_the_budget_truncates_and_nothing_follows(peg):
 
 def test_bad_actions_are_refused_in_a_sentence_and_nothing_is_lost(peg):
     peg.reset(seed=0)
-    good = np.clip(peg._control.observe()["joints"].astype(np.float64), peg.action_space.low, peg.action_space.high)
+    good = still(peg)
     with pytest.raises(InvalidValue, match=r"psm1_sp\.yaw of the action is nan"):
         peg.step(np.full(7, np.nan))
     with pytest.raises(InvalidInput, match=r"has the shape \(3,\); give 7 numbers: psm1_sp\.yaw"):

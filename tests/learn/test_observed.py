@@ -30,6 +30,11 @@ def yaw(pose):
     return np.array([np.cos(angle), np.sin(angle)])
 
 
+def still(env):
+    """Return the action that leaves an environment's arms where they are."""
+    return np.clip(env._control.observe()["joints"], env.action_space.low, env.action_space.high)
+
+
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory):
     task = make_task(TASKS["peg-transfer"], ["transfers=1"])
@@ -99,9 +104,9 @@ def test_an_environment_sees_what_a_trial_sees():
     seen, _ = env.reset(options={"session": 0, "trial": 0})
     names = env.observation_names["objects"]
     assert names[3] == "transfer1.block.cos_3yaw" and seen["objects"][3] == 0
-    still = env.action_space.sample() * 0 + np.clip(env._control.observe()["joints"], env.action_space.low, None)
+    action = still(env)
     for _ in range(45):
-        seen = env.step(np.clip(still, env.action_space.low, env.action_space.high))[0]
+        seen = env.step(action)[0]
     true = seen["privileged"][7:14][[0, 1, 2, 6, 3, 4, 5]]
     assert_allclose(seen["objects"][:3], true[:3], atol=SLACK_M)
     assert seen["objects"][3:5] @ yaw(true) > np.cos(3 * np.radians(3))
@@ -112,10 +117,9 @@ def test_fragments_keep_their_numbers_and_are_where_they_truly_lie():
     env = CellEnv("debridement", observation=("objects", "privileged"), budget_s=3.0, fragments=4)
     seen, _ = env.reset(seed=2)
     assert not seen["objects"].any(), "nothing has been seen yet"
-    still = np.clip(env._control.observe()["joints"], env.action_space.low, env.action_space.high)
-    first = None
+    action, first = still(env), None
     for step in range(80):
-        seen = env.step(still)[0]
+        seen = env.step(action)[0]
         first = seen["objects"] if step == 40 else first
     found, true = (rows.reshape(4, -1) for rows in (seen["objects"], seen["privileged"]))
     assert found[:, 5].all() and np.abs(found - first.reshape(4, -1))[:, :3].max() < SLACK_M
@@ -151,8 +155,8 @@ def test_an_episode_lasts_until_its_budget_where_nothing_is_looked_at_any_more(m
     monkeypatch.setattr(WatchedObjects, "watch", watch)
     env = CellEnv("peg-transfer", observation=("state", "objects"), transfers=1, budget_s=0.2)
     env.reset(seed=1)
-    still = np.clip(env._control.observe()["joints"], env.action_space.low, env.action_space.high)
-    ends = [env.step(still)[3] for _ in range(6)]
+    action = still(env)
+    ends = [env.step(action)[3] for _ in range(6)]
     assert ends == [False] * 5 + [True]
     env.close()
 

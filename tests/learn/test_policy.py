@@ -7,8 +7,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-import trocar as package
-from commands import trocar  # noqa: F401 (a fixture)
+import trocar
 from trocar.errors import BadFile, InvalidInput
 from trocar.learn.policy import load_policy, policy_digest
 
@@ -167,7 +166,7 @@ def test_a_server_whose_answer_never_ends_is_not_waited_for():
 )
 def test_a_policy_is_an_agent_whose_trials_are_kept(file, tmp_path, name, ended, said):
     policy = f"{file}:{name}"
-    trials = package.run(
+    trials = trocar.run(
         "peg-transfer",
         transfers=1,
         budget_s=1.0,
@@ -190,7 +189,7 @@ def test_a_policy_is_an_agent_whose_trials_are_kept(file, tmp_path, name, ended,
         (["--method", "policy", "--policy", "{file}:missing"], "has no missing"),
     ],
 )
-def test_the_command_line_refuses_before_anything_is_written(trocar, file, tmp_path, words, said):  # noqa: F811
+def test_the_command_line_refuses_before_anything_is_written(trocar, file, tmp_path, words, said):
     out = tmp_path / "out"
     code, _, err = trocar("run", "peg-transfer", "--out", out, *(word.format(file=file) for word in words))
     assert code == 2 and said in err

@@ -1,6 +1,7 @@
 """Data sets that are read: their own, others', and what is wrong with one in a sentence."""
 
 import json
+import shutil
 
 import numpy as np
 import pyarrow as pa
@@ -16,10 +17,17 @@ from trocar.learn.read import read_episode
 TRIALS = (0, 1)
 
 
-@pytest.fixture(params=["lerobot", "open-h"])
-def folder(request, tmp_path):
-    export_lerobot([short(k) for k in TRIALS], tmp_path, layout=request.param)
-    return tmp_path
+@pytest.fixture(scope="module", params=["lerobot", "open-h"])
+def exported(request, tmp_path_factory):
+    place = tmp_path_factory.mktemp(request.param)
+    export_lerobot([short(k) for k in TRIALS], place, layout=request.param)
+    return place
+
+
+@pytest.fixture
+def folder(exported, tmp_path):
+    """A data set that a test may spoil."""
+    return shutil.copytree(exported, tmp_path / "data")
 
 
 def changed_info(folder, **changes):
