@@ -14,7 +14,7 @@ from trocar.cell import Cell
 from trocar.console.console import Console
 from trocar.console.inputs import Inputs
 from trocar.console.person import SEAT
-from trocar.errors import EmergencyStop, InvalidInput
+from trocar.errors import EmergencyStop
 from trocar.eval.config import RunConfig
 from trocar.eval.sight import sight_of
 from trocar.hardware.laboratory import HardwareLaboratory
@@ -24,8 +24,8 @@ from trocar.perception.image import RgbdImage
 from trocar.replay import painted
 from trocar.sim.laboratory import SimLaboratory
 from trocar.view.console_view import ConsoleMoment, ConsoleView, Level, Said, Wish
-from trocar.view.live import Moment, Picture, Scene
-from trocar.view.live_page import LivePage, Say
+from trocar.view.live import Picture
+from trocar.view.live_page import LivePage
 
 EVERY_S = 0.03
 """Time between two moments, of the wall clock: three ticks at its own pace."""
@@ -123,7 +123,7 @@ class Watch:
         laboratory.cell = replace(laboratory.cell, assistants=seated)
         if self._page is None and self._port is not None:
             title = " ".join(part for part in (config.task.name, config.task.variant, config.method) if part)
-            page = LivePage(scenery, title, self._moment(), self._port, opens=opened)
+            page = LivePage(scenery, title, self._moment(), self._port, opens=ConsoleView)
             self._page = self._open.enter_context(page)
             self._scene = None
             self._told_address(self.address)
@@ -184,10 +184,3 @@ def picture(camera: str, found: Sighting) -> Picture:
     outlines_px = {name: project(lens, m) / thin for name, m in found.outlines_m.items()}
     said = f"taken at {image.time_s:.2f} s" + (f"; found: {', '.join(outlines_px)}" if outlines_px else "")
     return Picture(camera, np.ascontiguousarray(color[::thin, ::thin]), said, outlines_px)
-
-
-def opened(scene: Scene, title: str, moment: Moment, port: int, say: Say) -> ConsoleView:
-    """Open the page, in its process."""
-    if not isinstance(moment, ConsoleMoment):
-        raise InvalidInput("a console's page", f"got {type(moment).__name__}", "give a ConsoleMoment")
-    return ConsoleView(scene, title, moment, port, say)

@@ -180,15 +180,14 @@ class ConsoleView(LiveView):
         pulse: of the page that holds the controls; one that does not answer any more counts as gone.
     """
 
-    def __init__(
-        self, scene: Scene, title: str, moment: ConsoleMoment, port: int = 8080, say: Callable[[Said], None] = print
-    ):
+    def __init__(self, scene: Scene, title: str, moment: ConsoleMoment, port: int, say: Callable[[Said], None]):
         self._say = say
         self._ghosts: dict[str, tuple[Ghost, Any, Instrument]] = {}
         self._speeds = dict(SPEEDS)
         if moment.standing.speed not in (None, *SPEEDS.values()):
             self._speeds[f"x {moment.standing.speed:g}"] = moment.standing.speed
         self._handles: dict[str, Any] = {}
+        self._question = 0
         super().__init__(scene, title, moment, port)
         self.pulse = Pulse(lambda: self.server.get_clients().get(self._holder), lambda: say(Said(Wish.LEFT)))
         self.server.on_client_disconnect(self._left)
@@ -200,54 +199,50 @@ class ConsoleView(LiveView):
 
     def show(self, moment: Moment) -> None:
         """Show the next moment, with the console's standing."""
-        if isinstance(moment, ConsoleMoment) and moment.scene is not None:
+        assert isinstance(moment, ConsoleMoment)
+        if moment.scene is not None:
             self.begin(moment.scene)
         super().show(moment)
-        if isinstance(moment, ConsoleMoment):
-            with self.server.atomic():
-                self._show_standing(moment.standing)
-                self._flaws.content = box(table(moment.flaws, 220))
-            for picture in moment.images:
-                self.show_image(picture)
+        with self.server.atomic():
+            self._show_standing(moment.standing)
+            self._flaws.content = box(table(moment.flaws, 220))
+        for picture in moment.images:
+            self.show_image(picture)
 
     def _add_panels(self, replay: Any) -> None:
         super()._add_panels(replay)
         gui = self.server.gui
         with gui.add_folder("Console", order=CONTROLS):
             self._words = gui.add_html("")
-            self._yes = gui.add_button("Yes, go (Y)", color="green", visible=False)
-            self._stop = gui.add_button("Stop (S)", color="orange")
-            self._go_on = gui.add_button("Go on (G)", color="green", visible=False)
-            self._emergency = gui.add_button("EMERGENCY STOP (X)", color="red")
+            self._yes = self._add_button("Yes, go", "Y", Wish.YES, color="green", visible=False)
+            self._stop = self._add_button("Stop", "S", Wish.STOP, color="orange")
+            self._go_on = self._add_button("Go on", "G", Wish.GO_ON, color="green", visible=False)
+            self._add_button("EMERGENCY STOP", "X", Wish.EMERGENCY, color="red")
             self._done = gui.add_button("I have done it: end the trial", visible=False)
             levels = {level.value: level for level in Level}
+            clocks = {"pause": (Wish.PAUSE, True), "run": (Wish.PAUSE, False), "step .1 s": (Wish.STEP, STEP_S)}
             self._level = level = gui.add_dropdown("yes needed for", tuple(levels))
             self._speed = speed = gui.add_dropdown("speed", tuple(self._speeds))
-            self._turns = clock = gui.add_button_group("clock", ("pause", "run", "step .1 s"))
-        self._question = 0
-        self._yes.on_click(self._agree)
-        for button, wish in (
-            (self._stop, Wish.STOP),
-            (self._go_on, Wish.GO_ON),
-            (self._emergency, Wish.EMERGENCY),
-            (self._done, Wish.DONE),
-        ):
-            button.on_click(lambda event, wish=wish: self._wish(event, Said(wish)))
-        clocks = {"pause": Said(Wish.PAUSE, value=True), "run": Said(Wish.PAUSE, value=False)}
-        clock.on_click(lambda event: self._wish(event, clocks.get(clock.value, Said(Wish.STEP, value=STEP_S))))
-        level.on_update(lambda event: self._wish(event, Said(Wish.LEVEL, value=levels[level.value])))
-        speed.on_update(lambda event: self._wish(event, Said(Wish.SPEED, value=self._speeds[speed.value])))
-        gui.add_command("Yes, go", hotkey="Y").on_trigger(self._agree)
-        for command, wish in (
-            (gui.add_command("Stop", hotkey="S"), Wish.STOP),
-            (gui.add_command("Go on", hotkey="G"), Wish.GO_ON),
-            (gui.add_command("Emergency stop", hotkey="X"), Wish.EMERGENCY),
-        ):
-            command.on_trigger(lambda event, wish=wish: self._wish(event, Said(wish)))
+            self._turns = clock = gui.add_button_group("clock", tuple(clocks))
+        self._done.on_click(lambda event: self._wish(event, Wish.DONE))
+        clock.on_click(lambda event: self._wish(event, *clocks[clock.value]))
+        level.on_update(lambda event: self._wish(event, Wish.LEVEL, levels[level.value]))
+        speed.on_update(lambda event: self._wish(event, Wish.SPEED, self._speeds[speed.value]))
         with gui.add_folder("Arms", order=CONTROLS):
             self._arms = {arm: self._add_arm(arm) for arm in replay.tools}
         with gui.add_folder("Flaws of this cell", order=LAST, expand_by_default=False):
             self._flaws = gui.add_html("")
+
+    def _add_button(self, label: str, key: str, wish: Wish, **how: Any) -> Any:
+        """Add a button that a key presses, too; a yes is to the motion that the page shows, and to no later one."""
+
+        def press(event: Any) -> None:
+            self._wish(event, wish, self._question if wish is Wish.YES else None)
+
+        button = self.server.gui.add_button(f"{label} ({key})", **how)
+        button.on_click(press)
+        self.server.gui.add_command(label.capitalize(), hotkey=key).on_trigger(press)
+        return button
 
     def _add_arm(self, arm: str) -> tuple[Any, Any, Any]:
         """Add the controls of an arm: take or return it, close its jaws, open them."""
@@ -255,23 +250,19 @@ class ConsoleView(LiveView):
         take = gui.add_button(f"Take over {arm}")
         back = gui.add_button(f"Hand {arm} back", visible=False)
         jaws = gui.add_button_group(f"jaws of {arm}", tuple(JAWS), visible=False)
-        take.on_click(lambda event: self._wish(event, Said(Wish.TAKE, arm)))
-        back.on_click(lambda event: self._wish(event, Said(Wish.RETURN, arm)))
-        jaws.on_click(lambda event: self._wish(event, Said(Wish.JAW, arm, JAWS[jaws.value])))
+        take.on_click(lambda event: self._wish(event, Wish.TAKE, arm=arm))
+        back.on_click(lambda event: self._wish(event, Wish.RETURN, arm=arm))
+        jaws.on_click(lambda event: self._wish(event, Wish.JAW, JAWS[jaws.value], arm))
         return take, back, jaws
 
-    def _wish(self, event: Any, said: Said) -> None:
+    def _wish(self, event: Any, wish: Wish, value: Any = None, arm: str = "") -> None:
         """Pass on what the browser that holds the controls wants; values that this program sets are no wishes."""
         if event.client is None:
             return
         if event.client.client_id != self._holder:
             event.client.add_notification("Another page holds the controls", "It was opened first.")
             return
-        self._say(said)
-
-    def _agree(self, event: Any) -> None:
-        """Say yes to the motion that is shown, and to none that is asked about before the page shows it."""
-        self._wish(event, Said(Wish.YES, value=self._question))
+        self._say(Said(wish, arm, value))
 
     @property
     def _holder(self) -> int:
@@ -318,9 +309,9 @@ class ConsoleView(LiveView):
     def _moved(self, arm: str, event: Any) -> None:
         handle = event.target
         if event.phase == "end":
-            self._wish(event, Said(Wish.RELEASE, arm))
+            self._wish(event, Wish.RELEASE, arm=arm)
         else:
-            self._wish(event, Said(Wish.HOLD, arm, Held(np.array(handle.position), np.array(handle.wxyz))))
+            self._wish(event, Wish.HOLD, Held(np.array(handle.position), np.array(handle.wxyz)), arm)
 
     def _show_ghost(self, arm: str, ghost: Ghost | None) -> None:
         """Draw the path of a motion, and the instrument at its end; remove those of an earlier one."""

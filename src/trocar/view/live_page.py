@@ -34,8 +34,8 @@ LOOK_S = 0.1
 
 Say = Callable[[Any], None]
 """Sends what a person says on the page to whoever runs the cell; from any thread."""
-Open = Callable[[Scene, str, Moment, int, Say], LiveView]
-"""Opens a page."""
+Open = Callable[[Scene, str, Any, int, Say], LiveView]
+"""Opens a page, of whatever kind of moment it shows."""
 Images = Callable[[], Iterable[Picture]]
 """Returns what has come since the last call."""
 
