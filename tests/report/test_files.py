@@ -30,7 +30,7 @@ def test_a_task_that_is_not_registered_here_has_a_plain_report():
 
 def test_the_storyboard_of_a_trial_shows_its_moments(tmp_path):
     trial = synthetic_trial(failures={3: "DROPPED"})
-    image = matplotlib.image.imread(draw_trial(trial, tmp_path / "story.png"))
+    image = matplotlib.image.imread(draw_trial(trial, tmp_path / "story.png", report_of(trial)))
     assert image.shape[1] > 1000
     captions = [caption for caption, _ in PegReport().moments(trial)]
     assert captions[0] == "start" and "peg 2 to 9: dropped" in captions and "after 12 transfers" in captions
@@ -54,23 +54,13 @@ def test_a_storyboard_is_that_of_the_report_that_is_given(tmp_path, monkeypatch)
     monkeypatch.setattr(files, "photographer_of", photographer)
     monkeypatch.setattr(files, "draw_storyboard", lambda frames, path, title, **_: drawn.append((frames, title)))
     own = Own()
-    draw_trial(synthetic_trial(), tmp_path / "own.png", "mine", own)
-    draw_trial(synthetic_trial(), tmp_path / "peg.png")
-    (((caption, image),), title), (usual, plain) = drawn
-    assert (caption, image.max(), title) == ("halfway", 30, "mine") and asked[0] is own
-    assert [caption for caption, _ in usual][:2] == ["start", "jaws round the wall on peg 1"] and plain == "Storyboard"
-    assert isinstance(asked[1], PegReport)
+    draw_trial(synthetic_trial(RUN), tmp_path / "own.png", own)
+    ((((caption, image),), title),) = drawn
+    assert (caption, image.max(), asked) == ("halfway", 30, [own])
+    assert title == "peg-transfer, unilateral, calibrated, session 0, trial 0 of seed 3 (simulated)"
 
 
-@pytest.fixture
-def without_pictures(monkeypatch):
-    monkeypatch.setattr(files, "can_photograph", lambda: False)
-    monkeypatch.setattr(files, "find_spec", lambda module: None)
-    monkeypatch.setattr(files, "_pictures", lambda *_: [])
-    monkeypatch.setattr(files, "_chart", lambda *_: None)
-
-
-def test_a_run_whose_record_is_lost_is_as_large_as_its_trials_span(tmp_path, without_pictures):
+def test_a_run_whose_record_is_lost_is_as_large_as_its_trials_span(tmp_path, unpictured):
     trials = [synthetic_trial(RUN, index, session=session) for session, index in ((0, 0), (0, 2), (1, 1))]
     write_report(tmp_path, trials)
     assert "--sessions 2 --trials 3 --seed 3" in Page(tmp_path / "report.html").text
@@ -80,7 +70,7 @@ def test_a_run_whose_record_is_lost_is_as_large_as_its_trials_span(tmp_path, wit
     assert not (tmp_path / "kept" / "report.html").exists()
 
 
-def test_the_replay_is_of_the_first_trial_and_in_the_colours_for_people(tmp_path, without_pictures, monkeypatch):
+def test_the_replay_is_of_the_first_trial_and_in_the_colours_for_people(tmp_path, unpictured, monkeypatch):
     shown = []
     monkeypatch.setattr(files, "find_spec", lambda module: module == "viser")
     monkeypatch.setattr(

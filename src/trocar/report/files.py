@@ -16,7 +16,7 @@ from trocar.files.output import make_folder, write_json
 from trocar.registry import loaded
 from trocar.replay import Replay, painted
 from trocar.report.page import Captioned
-from trocar.report.run_page import command_of, place_of, write_page
+from trocar.report.run_page import command_of, names_of, place_of, write_page
 from trocar.report.stills import (
     MOST_FAILED,
     can_photograph,
@@ -108,12 +108,11 @@ def kept_pictures(folder: str | Path) -> list[str]:
 
 def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> list[Captioned]:
     """Draw the first trial and the task's pictures of all trials, and return these pictures."""
-    first, about = trials[0], trials[0].about
-    what = ", ".join(str(about[key]) for key in ("task", "variant", "method") if about[key])
-    place, found = place_of(first), []
+    first, found = trials[0], []
+    place = place_of(first)
     path = folder / "storyboard.png"
     if can_photograph():
-        draw_trial(first, path, f"{what}, {place} of seed {about['seed']} (simulated)", report)
+        draw_trial(first, path, report)
     if path.is_file():  # drawn now, or kept
         moments = "; ".join(caption for caption, _ in report.moments(first))
         found.append(Captioned(path, f"Pictures of {place}: {moments}", f"{place.capitalize()} step by step"))
@@ -127,8 +126,7 @@ def _chart(folder: Path, trial: Trial) -> Captioned | None:
     """Draw where the time of a trial went; None if it noted nothing."""
     if not trial.spans:
         return None
-    what = ", ".join(str(trial.about[key]) for key in ("task", "variant", "method") if trial.about[key])
-    chart = draw_timechart(trial, folder / "timechart.png", title=f"Time chart, {what}")
+    chart = draw_timechart(trial, folder / "timechart.png", title=f"Time chart, {names_of(trial.about)}")
     said = f"Where the time went in {place_of(trial)}: a row for each {trial.goal_noun} and arm, a bar for each step"
     return Captioned(chart, f"Chart: {said}", said)
 
@@ -139,13 +137,9 @@ def _there(trials: Sequence[Trial]) -> tuple[int, int]:
     return 1 + max(session for session, _ in places), 1 + max(index for _, index in places)
 
 
-def draw_trial(trial: Trial, path: str | Path, title: str = "", report: TaskReport | None = None) -> Path:
-    """Draw the main moments of a trial as a storyboard, and return its path.
-
-    Raises:
-        TrocarError: the simulator, which draws the pictures, is not installed.
-    """
-    report = report or report_of(trial)
+def draw_trial(trial: Trial, path: Path, report: TaskReport) -> Path:
+    """Draw the main moments of a trial as a storyboard, and return its path."""
     photographer = photographer_of(trial, report)
     frames = [(caption, photographer.picture(time_s)) for caption, time_s in report.moments(trial)]
-    return draw_storyboard(frames, path, title or "Storyboard", columns=3 if len(frames) <= 9 else 4)
+    title = f"{names_of(trial.about)}, {place_of(trial)} of seed {trial.about['seed']} (simulated)"
+    return draw_storyboard(frames, path, title, columns=3 if len(frames) <= 9 else 4)

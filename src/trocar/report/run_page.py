@@ -35,6 +35,11 @@ from trocar.report.tables import (
 REPLAY = "replay.html"
 
 
+def names_of(about: Mapping[str, Any]) -> str:
+    """Return task, variant and method of a run, as far as they are known; ``about``: its summary, or a trial's."""
+    return ", ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key))
+
+
 def place_of(trial: Trial) -> str:
     """Return which trial it is, in words."""
     return f"session {trial.about['session']}, trial {trial.about['index']}"
@@ -73,8 +78,7 @@ def write_page(
     goals = [goals_table(trials, report), *([trials_table(trials)] if len(trials) > 1 else [])]
     failures = failures_table(summary["failures"], summary["attempted"], summary["goal_noun"], report)
     parts_s = table(parts_table(summary)) if summary["parts_s"] else ""
-    names = (str(summary[key]) for key in ("task", "variant", "method") if summary[key])
-    title = ", ".join(name.replace("-", " ") for name in names)
+    title = names_of(summary).replace("-", " ")
     sections = {
         "compared": ("Beside the paper" if len(compared[0].rows) > 1 else "In numbers", map(table, compared)),
         "goals": (f"{summary['goal_noun'].capitalize()}s", map(table, goals)),

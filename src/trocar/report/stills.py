@@ -18,7 +18,7 @@ from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.report import style
 from trocar.report.page import Captioned
-from trocar.report.tables import reason_of
+from trocar.report.tables import goal_name, reason_of
 
 if TYPE_CHECKING:
     from trocar.sim.offscreen import OffscreenCamera
@@ -47,17 +47,10 @@ def photographer_of(trial: Trial, report: TaskReport, scale: float = 1.0) -> Off
     return OffscreenCamera(trial.replay(), report.view, report.colours, scale, report.frame(trial))
 
 
-def draw_storyboard(
-    frames: Sequence[tuple[str, NDArray[np.uint8]]], path: str | Path, title: str = "Storyboard", columns: int = 4
-) -> Path:
+def draw_storyboard(frames: Sequence[tuple[str, NDArray[np.uint8]]], path: Path, title: str, columns: int = 4) -> Path:
     """Draw captioned pictures ((height, width, 3) uint8 RGB) in a grid, in order, and return the path."""
-    path = Path(path)
     if not frames:
         raise InvalidInput("a storyboard", "needs at least one picture", "the trial kept none")
-    for caption, image in frames:
-        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            was = f"is {image.dtype} of shape {image.shape}"
-            raise InvalidInput(f"picture '{caption}'", was, "it must be uint8 (h, w, 3)")
     kept = [frames[i] for i in np.linspace(0, len(frames) - 1, min(MAX_PICTURES, len(frames))).round().astype(int)]
     columns = min(columns, len(kept))
     rows = -(-len(kept) // columns)
@@ -103,9 +96,7 @@ def failed_goals(trials: Sequence[Trial], report: TaskReport) -> list[Failed]:
         session, index = trial.about["session"], trial.about["index"]
         for number, score in enumerate(trial.scores):
             if score["attempted"] and not score["succeeded"]:
-                which = report.goal(score)
-                what = f"{trial.goal_noun} {number + 1}" + (f" ({which})" if which else "")
-                failure = str(score["failure"])
+                failure, what = str(score["failure"]), goal_name(trial, number, report)
                 found.append(Failed(place, session, index, number, failure, what, reason_of(score, report)))
     return found
 

@@ -21,6 +21,7 @@ from trocar.eval.trial import Trial
 from trocar.files.output import write_json
 from trocar.lab.flaws import FLAWS, MILD, MOST_SCALE, SHOWN, Difficulty
 from trocar.report import style
+from trocar.report.tables import rated
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 WIDTH_IN, HEIGHT_IN = 2.7, 4.4
@@ -248,9 +249,8 @@ def tables_of(figures: Sequence[Mapping[str, Any]]) -> list[TableData]:
     for flaw in dict.fromkeys(row["flaw"] for row in figures):
         lines = []
         for row in (row for row in figures if row["flaw"] == flaw):
-            low, high = (100 * end for end in row["success_ci95"])
             size = f"{row['size']:.3g} {row['unit']}" + (" (recorded)" if row["scale"] == 1.0 else "") if flaw else "-"
-            rate = f"{100 * row['success']:.1f} [{low:.0f}, {high:.0f}]"
+            rate = rated(row["success"], row["success_ci95"])
             seconds = f"{row['s_per_success']['mean']:.1f}" if row["s_per_success"] else "-"
             hits = f"{row['collisions_per_trial']['mean']:.2f}"
             lines.append((row["method"], size, f"{row['succeeded']} of {row['goals']}", rate, hits, seconds))

@@ -199,10 +199,26 @@ def sentence_of(name: str, report: TaskReport) -> str:
     return str(outcomes[name].value) if outcomes is not None and name in outcomes.__members__ else ""
 
 
-def named_failures(scores: Sequence[Mapping[str, Any]]) -> str:
-    """Return how often each failure occurred among scores."""
-    counts = Counter(in_words(str(score["failure"])) for score in scores if score["failure"])
-    return ", ".join(f"{name} {count}" for name, count in counts.most_common())
+def goal_name(trial: Trial, number: int, report: TaskReport) -> str:
+    """Return a goal's noun and number, from 1 on, and what it is."""
+    which = report.goal(trial.scores[number])
+    return f"{trial.goal_noun} {number + 1}" + (f" ({which})" if which else "")
+
+
+def failure_counts(scores: Iterable[Mapping[str, Any]]) -> Counter[str]:
+    """Return how often each failure occurred among scores, by its name."""
+    return Counter(str(score["failure"]) for score in scores if score["failure"])
+
+
+def named_failures(scores: Iterable[Mapping[str, Any]]) -> str:
+    """Return how often each failure occurred among scores, in words."""
+    return ", ".join(f"{in_words(name)} {count}" for name, count in failure_counts(scores).most_common())
+
+
+def rated(rate: float, interval: Sequence[float]) -> str:
+    """Return a rate in % with its interval."""
+    low, high = interval
+    return f"{100 * rate:.1f} [{100 * low:.0f}, {100 * high:.0f}]"
 
 
 def reached(scores: Sequence[Mapping[str, Any]]) -> str:

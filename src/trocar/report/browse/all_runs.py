@@ -52,7 +52,7 @@ PROPERTIES = {
 """The columns, by the names that they have in the page's address."""
 
 
-def all_runs_page(runs: Sequence[Run], folders: Sequence[str | Path], by: str = "run", down: bool = False) -> str:
+def all_runs_page(runs: Sequence[Run], folders: Sequence[str | Path], by: str, down: bool) -> str:
     """Return the page of all runs.
 
     Args:

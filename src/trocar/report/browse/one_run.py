@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from html import escape
 
@@ -13,9 +12,9 @@ from trocar.report.browse.cells import flagged, missed, remarks, success
 from trocar.report.browse.shelf import Run
 from trocar.report.files import report_of
 from trocar.report.page import Column, document, link, listing, paragraph, section, table
-from trocar.report.run_page import headline_cards, place_of
+from trocar.report.run_page import headline_cards, names_of, place_of
 from trocar.report.stills import failed_goals, picked
-from trocar.report.tables import came_of, failures_table, reached
+from trocar.report.tables import came_of, failure_counts, failures_table, reached
 
 MOST = 100
 """Failures in the list; of more, some of each kind are shown."""
@@ -24,18 +23,9 @@ MOST = 100
 def one_run_page(run: Run, others: Sequence[Run]) -> str:
     """Return the page of a run; ``others`` met the same sessions."""
     about = run.about
-    names = ", ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key))
-    where = ", ".join(
-        filter(
-            None,
-            (
-                f"station {about['station']}" if about.get("station") else "",
-                f"difficulty {run.difficulty}" if run.difficulty else "",
-                f"seed {about['seed']}" if about.get("seed") is not None else "",
-                f"Trocar {run.version}" if run.version else "",
-            ),
-        )
-    )
+    told = {"station": about.get("station"), "difficulty": run.difficulty, "seed": about.get("seed")}
+    told["Trocar"] = run.version
+    where = ", ".join(f"{what} {value}" for what, value in told.items() if value not in (None, ""))
     links = [link(addresses.ALL, "All runs")]
     if (run.folder / addresses.REPORT).is_file():
         links.append(link(addresses.REPORT, "Its report"))
@@ -48,7 +38,7 @@ def one_run_page(run: Run, others: Sequence[Run]) -> str:
         *([_failures(run), section("trials", "Trials", _trials(run))] if run.trials else []),
         section("compare", "Compare", *_compared(run, others)),
     ]
-    return document(run.name, filter(None, (names, where, str(run.folder))), parts)
+    return document(run.name, filter(None, (names_of(about), where, str(run.folder))), parts)
 
 
 def _failures(run: Run) -> str:
@@ -61,7 +51,7 @@ def _failures(run: Run) -> str:
     more = f"{counted(failed - MOST, 'more failure')}: in the trials below." if failed > MOST else ""
     hint = paragraph("A click plays the trial from shortly before the moment of the failure.", "quiet")
     title = f"Failures: {failed} of {counted(run.figures['attempted'], noun)}"
-    counts = Counter(str(s["failure"]) for trial in run.trials for s in trial.scores if s["failure"])
+    counts = failure_counts(score for trial in run.trials for score in trial.scores)
     kinds = failures_table(counts, run.figures["attempted"], noun, report_of(run.trials[0]))
     by_kind = table(kinds, compact=True) if len(counts) > 1 else ""
     return section("failures", title, by_kind, hint, listing(columns, rows), paragraph(more, "quiet") if more else "")

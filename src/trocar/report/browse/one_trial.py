@@ -17,7 +17,7 @@ from trocar.report.browse.shelf import Run
 from trocar.report.files import report_of
 from trocar.report.page import Column, document, link, listing, paragraph, section
 from trocar.report.run_page import place_of
-from trocar.report.tables import came_of, reached, reason_of
+from trocar.report.tables import came_of, goal_name, reached, reason_of
 
 MOST = 200
 """Collisions in the list."""
@@ -94,11 +94,10 @@ def _goals(trial: Trial, report: TaskReport, moments_s: Sequence[float]) -> str:
     rows, notes = [], []
     for k in order:
         score = trial.scores[k]
-        which = report.goal(score)
-        name = f"{trial.goal_noun} {k + 1}" + (f" ({which})" if which else "")
         missed = in_words(str(score["failure"])) or "not attempted"
         result = "done" if score["succeeded"] else flagged(missed)
-        rows.append([link(addresses.of_moment(moments_s[k]), name, target="replay"), result, f"{moments_s[k]:.1f}"])
+        goal = link(addresses.of_moment(moments_s[k]), goal_name(trial, k, report), target="replay")
+        rows.append([goal, result, f"{moments_s[k]:.1f}"])
         notes.append(escape(reason_of(score, report)))
     return listing((Column(trial.goal_noun), Column("result"), Column("at s", number=True)), rows, notes)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from html import escape
 from typing import Any
 
@@ -15,6 +14,7 @@ from trocar.report.browse import addresses
 from trocar.report.browse.cells import figure_of, how_many, success
 from trocar.report.browse.shelf import Run
 from trocar.report.page import Column, document, link, listing, paragraph, section
+from trocar.report.tables import failure_counts
 
 SETTINGS = ("variant", "method", "model", "calibration", "prior", "planner", "perception", "set", "options", "seed")
 """What two runs may have chosen differently; the rows in which they did are shown."""
@@ -92,14 +92,11 @@ def _difference(found: Difference | None, scale: float = 1.0, unit: str = "") ->
 
 def _failures(one: Run, two: Run) -> list[str]:
     """Return how often each failure occurred in each run."""
-    counts = [
-        Counter(in_words(str(s["failure"])) for trial in run.trials for s in trial.scores if s["failure"])
-        for run in (one, two)
-    ]
-    names = sorted(set().union(*counts), key=lambda name: -sum(count[name] for count in counts))
+    counts = [failure_counts(score for trial in run.trials for score in trial.scores) for run in (one, two)]
+    names = sorted(set().union(*counts), key=lambda name: (-sum(count[name] for count in counts), name))
     if not names:
         return []
-    rows = [[escape(name), *(str(count[name]) for count in counts)] for name in names]
+    rows = [[escape(in_words(name)), *(str(count[name]) for count in counts)] for name in names]
     heads = (f"{run.name}, of {run.figures['attempted'] if run.figures else 0}" for run in (one, two))
     return [listing([Column("failure"), *(Column(head, number=True) for head in heads)], rows)]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
 from trocar.eval import PaperCount, PaperRow, TaskReport, in_words
-from trocar.eval.statistics import session_interval
+from trocar.eval.statistics import by_session, session_interval
 from trocar.eval.trials import noted
 from trocar.eval.turns import NEARLY_S, turns_of
 from trocar.geometry import SE3
@@ -182,9 +181,8 @@ class PegReport(TaskReport):
         """Draw the paths of the working tips over the board in the first trial."""
         trial = trials[0]
         arms = trial.about["arms"]
-        T_board_world, drawn = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse(), []
-        for arm in arms:
-            tips = T_board_world.apply(trial.replay().tools[arm].p_world_driven_m)
+        drawn = []
+        for arm, tips in tips_over_board(trial).items():
             title = f"Path of {arm}'s tip over the board, {trial.about['method']}"
             path = folder / ("paths.png" if len(arms) == 1 else f"paths_{arm}.png")
             drawn.append(draw_paths(trial.times_s, tips, _transfer_at(trial, arm), path, title))
@@ -193,15 +191,13 @@ class PegReport(TaskReport):
     def summary(self, trials: Sequence[Trial]) -> dict[str, Any]:
         """Return the paper's denominator, transfers whose block stood on its source; and what motion alone takes."""
         trials = noted(trials)
-        done, available = Counter[int](), Counter[int]()
-        for trial in trials:
-            done[trial.about["session"]] += sum(bool(score["succeeded"]) for score in trial.scores)
-            available[trial.about["session"]] += sum(bool(score["available"]) for score in trial.scores)
-        sessions = sorted(done)
-        interval = session_interval([done[s] for s in sessions], [available[s] for s in sessions])
+        done, available = (
+            [sum(counts) for counts in by_session(trials, lambda t, key=key: sum(s[key] for s in t.scores)).values()]
+            for key in ("succeeded", "available")
+        )
         return {
-            "available": available.total(),
-            "available_ci95": list(interval),
+            "available": sum(available),
+            "available_ci95": list(session_interval(done, available)),
             "motion_floor_s": motion_floor_s(trials),
         }
 
@@ -219,6 +215,12 @@ class PegReport(TaskReport):
         """Return how close the time is to motion alone, and which colours are changed."""
         painted = "blocks are amber and pegs pale in the pictures only; the camera sees all of it red"
         return [floor_sentence(motion_floor_s(noted(trials))), painted]
+
+
+def tips_over_board(trial: Trial) -> dict[str, NDArray[np.float64]]:
+    """Return the path (n, 3) of each working arm's tip in the frame of the board, m."""
+    T_board_world, tools = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse(), trial.replay().tools
+    return {arm: T_board_world.apply(tools[arm].p_world_driven_m) for arm in trial.about["arms"]}
 
 
 def _first_transfer(trial: Trial) -> list[tuple[str, float]]:

@@ -14,8 +14,8 @@ from trocar.eval.comparison import holm, rate_difference, session_difference, se
 from trocar.eval.statistics import session_interval, wilson_interval
 from trocar.eval.study import Results, RowKind, TableData, TaskStudy
 from trocar.eval.trial import Trial
-from trocar.motion.analysis import JointAnalysis, analyse_joints
-from trocar.report.tables import figure
+from trocar.motion.analysis import analyse_joints
+from trocar.report.tables import failure_counts, figure, rated
 from trocar.tasks.peg_transfer.goals import GOALS
 from trocar.tasks.peg_transfer.report import PAPER
 from trocar.tasks.peg_transfer.report.study_figures import COLLISIONS, KINDS, draw_motion, draw_paths, draw_performance
@@ -44,7 +44,6 @@ class Row:
     path_m: float  # length of the tips' paths, all working arms together
     joints: dict[str, float]  # RMS of velocity, acceleration, jerk of the turning joints, rad/s and so on
     tip: dict[str, float]  # RMS of the size of velocity, acceleration, jerk of the tip, m/s and so on
-    tip_max: dict[str, float]  # the largest of these
     wall_s: float  # real time of the trial; 0 if it was lost
 
     @property
@@ -77,19 +76,14 @@ def row_of(trial: Trial) -> Row:
         succeeded=sum(bool(score["succeeded"]) for score in scores),
         duration_s=trial.duration_s,
         collisions=len(trial.collisions),
-        failures=dict(Counter(str(score["failure"]) for score in scores if score["failure"])),
+        failures=dict(failure_counts(scores)),
         path_m=sum(one.path_m for one in found),
         joints={
             kind: _rms([one.joints.rms()[kind][t] for one, t in zip(found, turning, strict=True)]) for kind in KINDS
         },
-        tip={kind: _rms([_sizes(one, kind) for one in found]) for kind in KINDS},
-        tip_max={kind: max(float(_sizes(one, kind).max()) for one in found) for kind in KINDS},
+        tip={kind: _rms([np.linalg.norm(getattr(one.tip, kind), axis=1) for one in found]) for kind in KINDS},
         wall_s=trial.wall_s,
     )
-
-
-def _sizes(found: JointAnalysis, kind: str) -> np.ndarray:
-    return np.linalg.norm(getattr(found.tip, kind), axis=1)
 
 
 def _rms(parts: list[np.ndarray]) -> float:
@@ -286,7 +280,7 @@ def _variant_table(variant: str, cells: Sequence[Mapping[str, Any]]) -> TableDat
         (
             cell["method"],
             f"{cell['succeeded']} of {cell['attempted']}",
-            _rate(cell["succeeded"], cell["attempted"], cell["success_ci95"]),
+            rated(cell["success_rate"], cell["success_ci95"]),
             f"{cell['succeeded']} of {cell['available']}",
             *(_with_interval(cell[key]) for key in ("mean_time_s", "path_m", "collisions_per_trial")),
         )
@@ -298,7 +292,7 @@ def _variant_table(variant: str, cells: Sequence[Mapping[str, Any]]) -> TableDat
             (
                 f"paper: {row.who}",
                 f"{row.succeeded} of {row.attempted}",
-                _rate(row.succeeded, row.attempted, wilson_interval(row.succeeded, row.attempted)),
+                rated(row.succeeded / row.attempted, wilson_interval(row.succeeded, row.attempted)),
                 "",
                 figure(row.mean_time_s),
                 "",
@@ -311,11 +305,6 @@ def _variant_table(variant: str, cells: Sequence[Mapping[str, Any]]) -> TableDat
         "attempts. A trial that fails early is short: times of methods that fail are not comparable"
     )
     return TableData(title.strip(), HEAD, lines, caption, page_only=("of available",))
-
-
-def _rate(succeeded: int, attempted: int, interval: Sequence[float]) -> str:
-    low, high = interval
-    return f"{100 * succeeded / attempted:.1f} [{100 * low:.0f}, {100 * high:.0f}]" if attempted else "-"
 
 
 def _with_interval(estimate: Mapping[str, Any]) -> str:

@@ -12,8 +12,8 @@ from matplotlib.patches import Patch
 
 from trocar.eval.study import Results
 from trocar.eval.trial import Trial, trial_file
-from trocar.geometry import SE3
 from trocar.report import style
+from trocar.tasks.peg_transfer.report import tips_over_board
 from trocar.tasks.peg_transfer.shapes import Pegboard
 
 if TYPE_CHECKING:
@@ -107,10 +107,8 @@ def draw_paths(results: Sequence[Results[Row]], path: Path) -> Path:
             axes = grid[variants.index(result.condition.name), methods.index(result.condition.method)]
             row = result.rows[0]
             trial = Trial.load(trial_file(result.condition.folder, row.session, row.index))  # one at a time
-            T_board_world = SE3(trial.arrays["T_world_board"].astype(np.float64)).inverse()
-            tools = trial.replay().tools
-            for k, arm in enumerate(trial.about["arms"]):
-                tip = 1e3 * T_board_world.apply(tools[arm].p_world_driven_m)[::THINNED]
+            for k, (arm, tips_m) in enumerate(tips_over_board(trial).items()):
+                tip = 1e3 * tips_m[::THINNED]
                 axes.plot(tip[:, 0], tip[:, 1], linewidth=0.7, color=style.SERIES[k], label=arm)
             axes.plot(pegs[:, 0], pegs[:, 1], "o", color=style.INK, markersize=3)
             axes.set_aspect("equal")
