@@ -127,28 +127,28 @@ def wishes_of(line: bytes, source: str, arms: Mapping[str, Any]) -> list[Said]:
             raise InvalidInput("wish", f"is {given['wish']!r}", f"give one of {', '.join(WISHES)}")
         found.append(Said(WISHES[given["wish"]], arm, at_s=now_s, source=source))
     if given.get("held"):
-        position = _numbers(given, "position", 3)
-        turns, scale = "quaternion" in given, _numbers({"scale": [given.get("scale", 1.0)]}, "scale", 1)[0]
+        position = _numbers("position", given.get("position"), 3)
+        turns, scale = "quaternion" in given, _numbers("scale", [given.get("scale", 1.0)], 1)[0]
         if not 0 < scale <= MAX_SCALE:
             raise InvalidValue("scale", scale, f"give a number above 0, up to {MAX_SCALE:g}")
-        turn = _numbers(given, "quaternion", 4) if turns else np.array([0.0, 0.0, 0.0, 1.0])
+        turn = _numbers("quaternion", given["quaternion"], 4) if turns else np.array([0.0, 0.0, 0.0, 1.0])
         if np.linalg.norm(turn) < 1e-6:
             raise InvalidInput("quaternion", "is all 0", "give x, y, z, w of an orientation")
         found.append(Said(Wish.HOLD, arm, Held(position, turn[[3, 0, 1, 2]], float(scale), turns), now_s, source))
     elif "held" in given:
         found.append(Said(Wish.RELEASE, arm, at_s=now_s, source=source))
     if "jaw" in given:
-        share = float(np.clip(_numbers({"jaw": [given["jaw"]]}, "jaw", 1)[0], 0.0, 1.0))
+        share = float(np.clip(_numbers("jaw", [given["jaw"]], 1)[0], 0.0, 1.0))
         found.append(Said(Wish.JAW, arm, share, now_s, source))
     return found
 
 
-def _numbers(given: Mapping[str, Any], name: str, count: int) -> np.ndarray:
+def _numbers(name: str, given: Any, count: int) -> np.ndarray:
     try:
-        values = np.asarray(given.get(name), dtype=np.float64)
+        values = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
     if values.shape != (count,) or not (np.abs(values) <= MAX_NUMBER).all():
         remedy = f"give {count} number{'s' * (count > 1)} of at most {MAX_NUMBER:g}"
-        raise InvalidInput(name, f"is {given.get(name)!r}", remedy)
+        raise InvalidInput(name, f"is {given!r}", remedy)
     return values
