@@ -59,6 +59,21 @@ class Desk:
     def move(self):
         return self.run(lambda: self.robot.move({"a": MOTION}))
 
+    def work(self):
+        """Let the person do the whole task; return how far (3,) the tip was moved."""
+        before_m = self.tip().translation_m
+        self.run(lambda: self.console.work(self.cell, ["a"]))
+        return self.tip().translation_m - before_m
+
+    def each_tick(self, what):
+        """Return the list of what is so at each tick from now on."""
+        seen = []
+        self.arms.each_tick.append(lambda: seen.append(what()))
+        return seen
+
+    def told(self):
+        return self.each_tick(lambda: self.console.standing)
+
     def tip(self):
         return fk(ARM, self.arms.driver.setpoint("a").q)
 
@@ -66,8 +81,8 @@ class Desk:
         return [event for event in self.log.events if event["name"] == name]
 
 
-def at(T, wish=Wish.HOLD):
-    return Said(wish, "a", Held(T.translation_m, T.rotation.as_quaternion()))
+def at(T, *more):
+    return Said(Wish.HOLD, "a", Held(T.translation_m, T.rotation.as_quaternion()), *more)
 
 
 def test_a_stopped_arm_goes_on_when_the_person_says_so():
@@ -191,8 +206,7 @@ def test_while_an_arm_is_lent_its_last_motion_tells_nothing_and_afterwards_all_t
     desk = Desk(
         [(3.0, Said(Wish.TAKE, "a")), (4.0, at(SE3.identity())), (4.1, at(SHIFT)), (6.0, Said(Wish.RETURN, "a"))]
     )
-    seen = []
-    desk.arms.each_tick.append(lambda: seen.append(desk.robot.setpoint("a")))
+    seen = desk.each_tick(lambda: desk.robot.setpoint("a"))
 
     async def script():
         await desk.robot.move({"a": MOTION})
@@ -220,8 +234,7 @@ def test_an_arm_that_is_stopped_on_its_way_back_stays_in_the_persons_hands():
         (6.0, Said(Wish.RETURN, "a")),
     ]
     desk = Desk(plan)
-    still = []
-    desk.arms.each_tick.append(lambda: still.append((desk.arms.now_s(), desk.tip().translation_m)))
+    still = desk.each_tick(lambda: (desk.arms.now_s(), desk.tip().translation_m))
     assert desk.move()["a"].done
     (back,) = desk.events("handed back")
     assert back["time_s"] > 6.0 and max(desk.arms.use("a")) <= 1.001
@@ -251,31 +264,26 @@ def test_a_way_back_that_is_refused_leaves_the_arm_in_the_persons_hands(monkeypa
         return await move(motions)
 
     monkeypatch.setattr(guard, "move", refusing)
-    told = []
-    desk.arms.each_tick.append(lambda: told.append(desk.console.standing.words))
+    told = desk.told()
     assert desk.move()["a"].done
-    assert any("the way back is refused" in words for words in told)
+    assert any("the way back is refused" in now.words for now in told)
     assert desk.events("handed back")[0]["time_s"] > 4.0
 
 
 def test_where_the_wrist_cannot_turn_any_further_the_tip_follows_in_place():
     turned = SE3.from_parts(SO3.exp(np.array([0.0, 2.5, 0.0])), SHIFT.translation_m)
     desk = Desk([(0.1, at(SE3.identity())), (0.2, at(turned)), (2.0, Said(Wish.DONE))])
-    start, told = desk.tip(), []
-    desk.arms.each_tick.append(lambda: told.append(desk.console.standing.words))
-    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
-    assert any("turns no further" in words for words in told), set(told)
-    moved_m = desk.tip().translation_m - start.translation_m
-    np.testing.assert_allclose(moved_m, SHIFT.translation_m, atol=1e-5)
+    told = desk.told()
+    np.testing.assert_allclose(desk.work(), SHIFT.translation_m, atol=1e-5)
+    assert any("turns no further" in now.words for now in told)
 
 
 def test_a_hand_far_outside_the_workspace_moves_nothing_and_is_told():
     far = SE3.from_parts(translation_m=[1e6, 0.0, 0.0])
     desk = Desk([(0.1, at(SE3.identity())), (0.2, at(far)), (0.6, Said(Wish.DONE))])
-    start, told = desk.tip(), []
-    desk.arms.each_tick.append(lambda: told.append(desk.console.standing.words))
-    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
-    assert any("reach" in words or "outside" in words for words in told), set(told)
+    start, told = desk.tip(), desk.told()
+    desk.work()
+    assert any("reach" in now.words or "outside" in now.words for now in told)
     np.testing.assert_allclose(desk.tip().matrix, start.matrix, atol=1e-6)
 
 
@@ -315,8 +323,7 @@ def test_jaws_close_at_once_and_open_after_a_while():
         (3.0, Said(Wish.EMERGENCY)),
     ]
     desk = Desk(plan)
-    jaws = []
-    desk.arms.each_tick.append(lambda: jaws.append((desk.arms.now_s(), desk.arms.driver.jaw_command_rad("a"))))
+    jaws = desk.each_tick(lambda: (desk.arms.now_s(), desk.arms.driver.jaw_command_rad("a")))
     with pytest.raises(EmergencyStop):
         desk.move()
     times, opening = np.array(jaws).T
@@ -350,23 +357,18 @@ def test_jaws_open_though_their_input_trembles_and_a_device_fills_no_log():
 def test_a_task_that_has_not_begun_cannot_be_done():
     desk = Desk([(1.0, Said(Wish.DONE))])
     desk.console._take_in(Said(Wish.DONE))
-    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    desk.work()
     assert desk.arms.now_s() >= 1.0
 
 
 def test_the_person_does_the_whole_task():
-    plan = [(0.2, at(SE3.identity())), (0.3, at(SHIFT)), (2.0, Said(Wish.DONE))]
-    desk = Desk(plan)
-    start = desk.tip()
-    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
-    moved = desk.tip().translation_m - start.translation_m
-    np.testing.assert_allclose(moved, SHIFT.translation_m, atol=1e-6)
+    desk = Desk([(0.2, at(SE3.identity())), (0.3, at(SHIFT)), (2.0, Said(Wish.DONE))])
+    np.testing.assert_allclose(desk.work(), SHIFT.translation_m, atol=1e-6)
 
 
 def test_what_stands_tells_what_waits():
     desk = Desk([], Level.MOTIONS)
-    told = []
-    desk.arms.each_tick.append(lambda: told.append(desk.console.standing))
+    told = desk.told()
 
     async def script():
         with trio.move_on_after(0.5):
@@ -379,32 +381,23 @@ def test_what_stands_tells_what_waits():
     np.testing.assert_allclose(ghost.q, GOAL, atol=1e-9)
 
 
-def device(T, source="pad", at_s=0.0):
-    return Said(Wish.HOLD, "a", Held(T.translation_m, T.rotation.as_quaternion()), at_s, source)
-
-
 def test_a_device_that_falls_silent_lets_go(monkeypatch):
-    said = [(at_s, device(T, at_s=at_s)) for at_s, T in ((0.1, SE3.identity()), (0.2, SHIFT))]
+    said = [(at_s, at(T, at_s, "pad")) for at_s, T in ((0.1, SE3.identity()), (0.2, SHIFT))]
     desk = Desk([*said, (3.0, Said(Wish.DONE))])
     monkeypatch.setattr("trocar.console.hand.time", desk)  # its machine's clock is the cell's
-    held = []
-    desk.arms.each_tick.append(lambda: held.append(any(hand.held for hand in desk.console.hands.values())))
-    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
+    held = desk.each_tick(lambda: any(hand.held for hand in desk.console.hands.values()))
+    desk.work()
     assert held[30] and not held[60], "an arm is let go .3 s after its device's last word"
 
 
 def test_of_two_inputs_the_one_that_holds_an_arm_is_followed():
     plan = [
-        (0.1, device(SE3.identity(), "")),
-        (0.2, device(SE3.from_parts(translation_m=[1.0, 1.0, 1.0]))),
-        (0.3, device(SHIFT, "")),
+        (0.1, at(SE3.identity())),
+        (0.2, at(SE3.from_parts(translation_m=[1.0, 1.0, 1.0]), 0.0, "pad")),
+        (0.3, at(SHIFT)),
         (2.0, Said(Wish.DONE)),
     ]
-    desk = Desk(plan)
-    start = desk.tip()
-    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
-    moved = desk.tip().translation_m - start.translation_m
-    np.testing.assert_allclose(moved, SHIFT.translation_m, atol=1e-6)
+    np.testing.assert_allclose(Desk(plan).work(), SHIFT.translation_m, atol=1e-6)
 
 
 def test_a_scaled_hand_moves_the_tip_less_and_a_locked_one_does_not_turn_it():
@@ -414,6 +407,5 @@ def test_a_scaled_hand_moves_the_tip_less_and_a_locked_one_does_not_turn_it():
         [(0.1 + 0.1 * k, Said(Wish.HOLD, "a", held)) for k, held in enumerate(holds)] + [(2.0, Said(Wish.DONE))]
     )
     start = desk.tip()
-    desk.run(lambda: desk.console.work(desk.cell, ["a"]))
-    np.testing.assert_allclose(desk.tip().translation_m - start.translation_m, 0.5 * SHIFT.translation_m, atol=1e-6)
+    np.testing.assert_allclose(desk.work(), 0.5 * SHIFT.translation_m, atol=1e-6)
     np.testing.assert_allclose(desk.tip().rotation.matrix, start.rotation.matrix, atol=1e-6)

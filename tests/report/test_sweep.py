@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from kept_figures import kept_figures
 from synthetic import unmarked
 from trocar.errors import TrocarError
 from trocar.eval.study import read_study, row_file
 from trocar.eval.trial import trial_file
 from trocar.lab.flaws import FLAWS, Difficulty
-from trocar.report import style
 from trocar.report.sweep import KIND, Row, Sweep, conditions_of, draw_curves, figures_of, tables_of, write_sweep
 
 PEG = 'task = "peg-transfer"\n'
@@ -116,8 +116,7 @@ def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path, monkeypatch):
     (table,) = tables_of([none, recorded, large])
     assert [row[2] for row in table.rows] == ["24 of 24", "24 of 24", "8 of 16"]
     assert table.rows[1][1].endswith("(recorded)") and not table.rows[2][1].endswith("(recorded)")
-    pictures = []
-    monkeypatch.setattr(style, "write_figure", lambda path, drawn, **how: pictures.append(drawn) or drawn.savefig(path))
+    pictures = kept_figures(monkeypatch)
     summary, files = write_sweep(tmp_path, "peg-transfer", [none, recorded, large], missing)
     success, collisions = pictures[0].axes
     curve, mark = success.lines
@@ -129,7 +128,7 @@ def test_figures_count_goals_and_sessions_of_all_seeds(tmp_path, monkeypatch):
     assert_allclose(collisions.lines[0].get_ydata(), [0.0, 1.0, 4.0])
     assert success.get_ylim()[0] == collisions.get_ylim()[0] == 0.0 and success.get_ylim()[1] > 100.0
     assert unmarked(files[0]) == summary and missing[0] in summary["notes"]
-    assert files[1].name == "sweep.png" and files[1].stat().st_size > 5000
+    assert files[1].name == "sweep.png" and files[1].is_file()
 
 
 @pytest.mark.slow

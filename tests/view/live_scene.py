@@ -43,6 +43,16 @@ def moment(tick, state="ENABLED", **more):
     return Moment(tick / 100, {"tick": np.array([[tick]])}, arms, "no tick was late", **more)
 
 
+def until(found, limit_s=60.0):
+    """Wait until something is found, and return it."""
+    end_s = time.monotonic() + limit_s
+    while time.monotonic() < end_s:
+        if result := found():
+            return result
+        time.sleep(0.01)
+    raise TimeoutError("it does not come to that")
+
+
 def messages(port, limit_s=60.0):
     """Yield the messages of a page of viser's, as a browser gets them; fail after a time."""
     end_s, protocol = time.monotonic() + limit_s, Subprotocol(f"viser-v{viser.__version__}")

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 pytest.importorskip("viser")
-from live_scene import REPLAY, MadeUpScene, messages, moment
+from live_scene import REPLAY, MadeUpScene, messages, moment, until
 
 from trocar.errors import MachineError
 from trocar.geometry import SE3
@@ -164,15 +163,6 @@ def test_the_clocks_rate_is_that_of_the_last_seconds(view):
         view._due_s = 0.0
         view.show(moment(tick, made_s=wall_s))
     assert view.rate == pytest.approx(2.0, rel=0.05) and "2.0" in view._state.content
-
-
-def until(holds):
-    end_s = time.monotonic() + LIMIT_S
-    while time.monotonic() < end_s:
-        if holds():
-            return
-        time.sleep(0.01)
-    raise AssertionError("it does not come to that")
 
 
 def shown(page, tick):

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from made_up_replay import made_up_replay
 from trocar.replay import Goal
-from trocar.view.stage import ARMS, CONTACT, DASH_M, MAX_POINTS, TipPath, arm_colours, dashes, stretch_at, stretches_of
+from trocar.view.stage import ARMS, CONTACT, DASH_M, MAX_POINTS, TipPath, dashes, stretch_at, stretches_of
 
 REPLAY = made_up_replay(12.0)
 SEEN_BY = {
@@ -35,10 +35,6 @@ def lab(rgb, seen):
 def test_nobody_takes_an_arms_path_for_anothers_or_for_a_contact(who):
     colours = [lab(rgb, SEEN_BY[who]) for rgb in (*ARMS, CONTACT)]
     assert min(np.linalg.norm(a - b) for a, b in combinations(colours, 2)) > 25
-
-
-def test_each_arm_has_a_colour_of_its_own():
-    assert arm_colours(REPLAY) == {"psm1": ARMS[0], "psm2": ARMS[1]}
 
 
 def test_dashes_and_gaps_are_equally_long_whatever_the_speed():

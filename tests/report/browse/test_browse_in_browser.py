@@ -4,9 +4,8 @@ import re
 
 import pytest
 
-from browsed import made_runs
 from trocar.eval.folder import load_trials
-from trocar.report.browse import BrowseServer, Shelf, addresses
+from trocar.report.browse import addresses
 from trocar.report.files import report_of
 
 pytest.importorskip("viser")
@@ -18,17 +17,6 @@ pytestmark = pytest.mark.skipif(
 REPLAY = "document.querySelector('iframe').contentDocument.querySelector('.mantine-Slider-thumb')"
 TIME_S = f"Number({REPLAY}.getAttribute('aria-valuenow'))"
 PAGES = ("", "runs/day%2Fbad/", "runs/torn/", "compare?run=day%2Fgood&run=day%2Fbad", "compare?run=begun")
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return made_runs(tmp_path_factory.mktemp("lab"))
-
-
-@pytest.fixture(scope="module")
-def served(folder):
-    with BrowseServer(Shelf([folder]), 0) as pages:
-        yield pages
 
 
 def go(page, address):

@@ -18,17 +18,6 @@ from trocar.report.browse import BrowseServer, Shelf, addresses
 from trocar.report.files import report_of
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return made_runs(tmp_path_factory.mktemp("lab"))
-
-
-@pytest.fixture(scope="module")
-def served(folder):
-    with BrowseServer(Shelf([folder]), 0) as pages:
-        yield pages
-
-
 class Read(HTMLParser):
     """A page's words, links and the rows of its tables."""
 

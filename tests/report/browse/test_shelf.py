@@ -6,18 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from browsed import made_run, made_runs
+from browsed import made_run
 from synthetic import config, synthetic_trial
 from trocar.errors import BadFile, InvalidInput
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import Trial, trial_file
 from trocar.report.browse.shelf import KEYS, Shelf
 from trocar.report.summary import summarise
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return made_runs(tmp_path_factory.mktemp("lab"))
 
 
 @pytest.fixture(scope="module")

@@ -1,17 +1,15 @@
 """What a report of the peg transfer adds: what motion alone would take, the paper's rows, moments and paths."""
 
-from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
+from kept_figures import kept_figures
 from synthetic import synthetic_trial
 from trocar.geometry import SE3
 from trocar.log import Span
-from trocar.report import style
 from trocar.tasks.peg_transfer import report as module
 from trocar.tasks.peg_transfer.report import PAPER, PegReport, draw_paths, floor_sentence, motion_floor_s
 
@@ -148,21 +146,8 @@ def test_a_dropped_block_is_shown_as_it_falls_and_another_failure_at_its_end():
 # Paths.
 
 
-@pytest.fixture
-def figures(monkeypatch):
-    """Figures that are drawn, none of which is written."""
-    kept = []
-
-    @contextmanager
-    def figure(*_):
-        kept.append(Figure())
-        yield kept[-1]
-
-    monkeypatch.setattr(style, "figure", figure)
-    return kept
-
-
-def test_a_path_is_drawn_from_above_and_from_the_side_each_transfer_in_its_own_colour(figures, tmp_path):
+def test_a_path_is_drawn_from_above_and_from_the_side_each_transfer_in_its_own_colour(monkeypatch, tmp_path):
+    figures = kept_figures(monkeypatch)
     times_s = np.linspace(2.0, 8.0, 61)
     p_m = np.column_stack([1e-3 * np.arange(61), np.full(61, 0.01), np.linspace(0.0, 0.03, 61)])
     transfer = np.repeat([-1, 0, 1, 2], [10, 20, 20, 11])
@@ -177,7 +162,7 @@ def test_a_path_is_drawn_from_above_and_from_the_side_each_transfer_in_its_own_c
         assert len({tuple(rgba) for rgba in lines.to_rgba(numbers)}) == 4
     assert bar.get_yticks().tolist() == [1, 2, 3]
     length_m = np.linalg.norm(np.diff(p_m, axis=0), axis=1).sum()
-    assert above.get_title() == f"a path: {length_m:.2f} m in 6.0 s"
+    assert above.get_title("left") == f"a path: {length_m:.2f} m in 6.0 s"
     assert side.get_ylim()[0] <= -2.0 and side.get_ylim()[1] > 30.0
 
 

@@ -1,16 +1,14 @@
 """Figures of the study of the peg transfer show the rows, and people as published."""
 
-from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.container import ErrorbarContainer
-from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
+from kept_figures import kept_figures
 from trocar.eval.study import Results
-from trocar.report import style
 from trocar.tasks.peg_transfer.report import PAPER
 from trocar.tasks.peg_transfer.report.study_figures import COMPLETION_S, PEOPLE, draw_motion, draw_performance
 
@@ -44,18 +42,8 @@ FIGURES = [{"success_rate": rate, "success_ci95": [rate - 0.1, rate + 0.05]} for
 
 
 @pytest.fixture
-def grids(monkeypatch):
-    """The axes of figures that are drawn, none of which is written."""
-    kept = []
-
-    @contextmanager
-    def figure(*_):
-        drawn = Figure()
-        yield drawn
-        kept.append(drawn.axes)
-
-    monkeypatch.setattr(style, "figure", figure)
-    return kept
+def figures(monkeypatch):
+    return kept_figures(monkeypatch)
 
 
 def bars(axes):
@@ -65,9 +53,9 @@ def bars(axes):
     return np.array(points).round(6).tolist()
 
 
-def test_success_distance_collisions_and_time_of_each_condition_stand_beside_each_other(grids, tmp_path):
+def test_success_distance_collisions_and_time_of_each_condition_stand_beside_each_other(figures, tmp_path):
     draw_performance(CELLS, FIGURES, tmp_path / "performance.png")
-    success, distance, collisions, time = grids[0]
+    success, distance, collisions, time = figures[0].axes
     assert bars(success) == [
         [place, rate, rate - 10.0, rate + 5.0] for place, rate in zip(PLACES, (90.0, 40.0, 80.0, 30.0), strict=True)
     ]
@@ -80,9 +68,9 @@ def test_success_distance_collisions_and_time_of_each_condition_stand_beside_eac
         assert axes.get_ylim()[0] == 0.0
 
 
-def test_people_are_drawn_as_published_at_every_variant(grids, tmp_path):
+def test_people_are_drawn_as_published_at_every_variant(figures, tmp_path):
     draw_performance(CELLS, FIGURES, tmp_path / "performance.png")
-    _, _, collisions, time = grids[0]
+    _, _, collisions, time = figures[0].axes
     for who, median in (("surgeon", 6.0), ("volunteers", 8.0)):
         marks = [
             line.get_xydata().round(6).tolist() for line in collisions.lines if line.get_marker() == PEOPLE[who][0]
@@ -104,11 +92,11 @@ def test_a_published_trial_takes_as_long_as_its_twelve_transfers(variant, who):
     assert COMPLETION_S[variant][who][0] == pytest.approx(12 * transfer_s, rel=0.03)
 
 
-def test_each_panel_of_the_motion_shows_its_own_derivative(grids, tmp_path):
+def test_each_panel_of_the_motion_shows_its_own_derivative(figures, tmp_path):
     draw_motion([CELLS[0], CELLS[2]], tmp_path / "motion.png")
-    for number, axes in enumerate(grids[0]):
+    for number, axes in enumerate(figures[0].axes):
         first = (100, 200)[number // 3] + 10 * (number % 3)
         what = ("turning joints", "tip")[number // 3]
-        assert axes.get_title().startswith(f"{what}: RMS {KINDS[number % 3]}, {('rad', 'm')[number // 3]}/s")
+        assert axes.get_title("left").startswith(f"{what}: RMS {KINDS[number % 3]}, {('rad', 'm')[number // 3]}/s")
         assert axes.lines[0].get_xydata().tolist() == [[0.0, first + k] for k in range(3)]
         assert axes.lines[1].get_xydata().tolist() == [[1.0, first + k] for k in range(4)]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kept_figures import kept_figures
 from trocar.eval.scenery import Scenery
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
@@ -148,8 +149,7 @@ def test_the_first_suture_is_shown_step_by_step_and_every_picture_bears_its_angl
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
     """Return how a trial is drawn, as a figure that was not written."""
-    figures = []
-    monkeypatch.setattr(style, "write_figure", lambda path, figure, **_: figures.append(figure) or path.touch())
+    figures = kept_figures(monkeypatch)
 
     def draw(by, trial):
         by(trial, tmp_path / "picture.png", "by hand")

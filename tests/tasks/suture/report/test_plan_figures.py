@@ -9,6 +9,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Circle as Disc
 from matplotlib.patches import FancyArrowPatch, Wedge
 
+from kept_figures import kept_figures
 from trocar.geometry import SE3
 from trocar.report import style
 from trocar.tasks.suture.planning import PRESETS, Circle, Spacing, dexterity, plan_even, plan_gaps
@@ -64,8 +65,7 @@ def test_the_base_is_told_as_seen_from_the_circles_centre(tmp_path, monkeypatch)
 @pytest.fixture
 def figure(monkeypatch, tmp_path):
     """Return a function that draws something and returns its figure, which is not written."""
-    figures = []
-    monkeypatch.setattr(style, "write_figure", lambda path, drawn, **_: figures.append(drawn) or path.touch())
+    figures = kept_figures(monkeypatch)
 
     def draw(by, *what):
         by(*what, tmp_path / "picture.png")
@@ -141,20 +141,13 @@ def test_reasons_and_the_papers_figures_are_written_with_both_directions(tmp_pat
 
 
 def test_what_was_fitted_is_said_below_the_papers_figures(monkeypatch, tmp_path):
-    figures = {}
-
-    def keep(path, drawn, **_):
-        figures[path.stem] = drawn
-        path.touch()
-
-    monkeypatch.setattr(style, "write_figure", keep)
+    figures = kept_figures(monkeypatch)
     found = dexterity(PRESETS["paper-demo"].setup, PRESETS["paper-demo"].reward, 72)
     draw_study(study(found, PRESETS["paper-demo"].fitted), tmp_path)
     assert len(figures) == 7
-    for drawn in figures.values():
-        assert "5 numbers of the setup" in drawn.get_supxlabel()
+    assert all("5 numbers of the setup" in drawn.get_supxlabel() for drawn in figures)
     draw_study(study(found), tmp_path)
-    assert {drawn.get_supxlabel() for drawn in figures.values()} == {""}
+    assert [drawn.get_supxlabel() for drawn in figures[7:]] == 7 * [""]
 
 
 def patches(axes, kind):
