@@ -233,7 +233,7 @@ class ConsoleView(LiveView):
         with gui.add_folder("Flaws of this cell", order=LAST, expand_by_default=False):
             self._flaws = gui.add_html("")
 
-    def _add_button(self, label: str, key: str, wish: Wish, **how: Any) -> Any:
+    def _add_button(self, label: str, key: Any, wish: Wish, **how: Any) -> Any:
         """Add a button that a key presses, too; a yes is to the motion that the page shows, and to no later one."""
 
         def press(event: Any) -> None:
