@@ -1,13 +1,20 @@
 """What a run is: it can be handed on, and tells itself from others."""
 
+import os
 import pickle
+import subprocess
+import sys
 
 import pytest
 
 from synthetic import config
 from trocar.errors import InvalidInput, TrocarError
-from trocar.eval.config import MAX_TRIALS, RunConfig
+from trocar.eval.config import MAX_TRIALS, RunConfig, fingerprint
+from trocar.lab import station_text
 from trocar.tasks.peg_transfer.task import PegTransfer
+from trocar.tasks.suture.task import CircleSutures
+
+CIRCLES = RunConfig(CircleSutures())
 
 
 def test_a_run_can_be_handed_to_another_process():
@@ -57,15 +64,30 @@ def test_numbers_have_bounds_that_are_allowed_themselves(least, beyond, words):
         ({"method": "adaptive", "calibration": "joints"}, "--calibration joints has no effect"),
         ({"method": "adaptive", "model": "ridge"}, "--method adaptive learns model 'play', not 'ridge'"),
         ({"method": "best", "model": "ridge", "prior": "fleet"}, "has no play model that could start from it"),
-        (
-            {"method": "best", "calibration": "guesses"},
-            "calibration 'guesses' is unknown; choose one of images, joints",
-        ),
     ],
 )
 def test_an_option_that_would_have_no_effect_is_refused(options, words):
     with pytest.raises(InvalidInput, match=words):
         RunConfig(PegTransfer(), **options)
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        ({"station": "kitchen"}, "station 'kitchen' is unknown; choose one of peg-transfer"),
+        ({"station": "suture"}, "station 'suture' has no fixture 'board', which peg-transfer needs"),
+        ({"method": "magic"}, "peg-transfer method 'magic' is unknown; choose one of calibrated, uncalibrated"),
+        ({"model": "oracle"}, "cable model 'oracle' is unknown.*play"),
+        ({"planner": "dice"}, "planner 'dice' is unknown; choose one of spline"),
+        ({"perception": "dreams"}, "peg-transfer perception 'dreams' is unknown; choose one of depth"),
+        ({"calibration": "guesses"}, "calibration 'guesses' is unknown; choose one of images, joints"),
+        ({"plugins": ("nowhere.py",)}, "plugin 'nowhere.py' is not a Python file"),
+        ({"prior": "no_such_file.npz"}, "no_such_file.npz' does not exist"),
+    ],
+)
+def test_what_there_is_not_is_refused(bad, words):
+    with pytest.raises(TrocarError, match=words):
+        config(**bad).about()
 
 
 def test_what_is_not_given_follows_from_task_and_method():
@@ -76,18 +98,51 @@ def test_what_is_not_given_follows_from_task_and_method():
         "adaptive": ("play", "", "fleet", "spline"),
         "optimized": ("play", "images", "none", "sqp"),
     }
+    assert {run.station for run in usual.values()} == {"peg-transfer"} and CIRCLES.station == "suture"
+    assert {(run.arms, run.perception) for run in usual.values()} == {(("psm1",), "depth")}
     said = {name: [run.about()[key] for key in ("model", "calibration", "prior")] for name, run in usual.items()}
     assert said["adaptive"] == [None, None, "fleet"] and said["uncalibrated"] == [None] * 3
     assert said[""] == ["play", "images", "none"] and usual[""].method == "calibrated"
 
 
-def test_only_what_changes_trials_tells_runs_apart():
-    run = config(seed=1)
-    assert config(seed=1, sessions=5, trials=3).fingerprint == run.fingerprint
-    others = [config(seed=2), config(seed=1, new_session=True), config(seed=1, flaws=("jaw=1deg",))]
-    assert len({one.fingerprint for one in (run, *others)}) == 4
-    assert run.unusual == {"calibration": "joints", "difficulty": ["mild"]}
+def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
+    mine = tmp_path / "mine.toml"
+    mine.write_text(station_text("peg-transfer").replace("133.2", "133.3"))
+    (plugin := tmp_path / "plugin.py").write_text("VALUE = 1\n")
+    runs = [
+        RunConfig(PegTransfer(transfers=1), calibration="joints"),
+        RunConfig(PegTransfer(budget_s=100.0), calibration="joints"),
+        CIRCLES,
+        *(config(**{name: True}) for name in ("new_session", "refit_offsets", "flawless_camera")),
+        config(difficulty="recorded"),
+        config(flaws=("jaw=1deg",)),
+        config(prior="fleet"),
+        *(config(**choice) for choice in ({"seed": 1}, {"method": "uncalibrated"}, {"model": "ridge"})),
+        config(calibration="images"),
+        config(station=str(mine)),
+        config(plugins=(str(plugin),)),
+    ]
+    found = [run.fingerprint for run in (config(), *runs)]
+    assert len(set(found)) == len(found)
+    assert config(sessions=3, trials=5).fingerprint == config().fingerprint
+    plugin.write_text("VALUE = 2\n")
+    assert config(plugins=(str(plugin),)).fingerprint != found[-1]
+
+
+def test_what_is_unusual_about_a_run_is_told():
+    assert config(seed=1).unusual == {"calibration": "joints", "difficulty": ["mild"]}
     assert RunConfig(PegTransfer(transfers=3), method="best").unusual == {"transfers": 3}
+
+
+def test_a_fingerprint_is_the_same_in_another_process_and_in_any_order():
+    assert fingerprint({"a": 1, "b": {"c": 2, "d": 3}}) == fingerprint({"b": {"d": 3, "c": 2}, "a": 1})
+    code = (
+        "from trocar.eval.config import RunConfig; from trocar.tasks.peg_transfer.task import PegTransfer;"
+        "print(RunConfig(PegTransfer(), seed=4, calibration='joints', difficulty='mild').fingerprint)"
+    )
+    environment = {**os.environ, "PYTHONHASHSEED": "77"}
+    result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == config(seed=4).fingerprint
 
 
 def test_streams_of_randomness_differ_by_seed_session_and_purpose():

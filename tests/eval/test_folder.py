@@ -1,10 +1,7 @@
-"""Runs and their folders: what is refused, what resumes, what belongs to another run."""
+"""Folders of runs: what is refused, what resumes, what belongs to another run; and what a session prepares."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,7 +10,7 @@ from synthetic import config, synthetic_trial
 from trocar.calibration.excitation import WIDE_ROWS, random_smooth_path
 from trocar.calibration.models import save_model
 from trocar.errors import TrocarError
-from trocar.eval.config import RunConfig, fingerprint
+from trocar.eval.config import RunConfig
 from trocar.eval.folder import load_trials, open_folder
 from trocar.eval.prepare import prepare
 from trocar.eval.trial import trial_file
@@ -21,7 +18,6 @@ from trocar.lab import station_text
 from trocar.report.summary import summarise
 from trocar.tasks.peg_transfer.report import PegReport
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.tasks.suture.task import CircleSutures
 
 
 def played(run, folder, *places):
@@ -35,74 +31,6 @@ def played(run, folder, *places):
 
 def numbers(trials):
     return [(trial.about["session"], trial.about["index"]) for trial in trials]
-
-
-# What a run is made of.
-
-
-@pytest.mark.parametrize(
-    ("bad", "words"),
-    [
-        ({"station": "kitchen"}, "station 'kitchen' is unknown; choose one of peg-transfer"),
-        ({"station": "suture"}, "station 'suture' has no fixture 'board', which peg-transfer needs"),
-        ({"method": "magic"}, "peg-transfer method 'magic' is unknown; choose one of calibrated, uncalibrated"),
-        ({"model": "oracle"}, "cable model 'oracle' is unknown.*play"),
-        ({"planner": "dice"}, "planner 'dice' is unknown; choose one of spline"),
-        ({"perception": "dreams"}, "peg-transfer perception 'dreams' is unknown; choose one of depth"),
-        ({"calibration": "guesses"}, "calibration 'guesses' is unknown; choose one of images, joints"),
-        ({"sessions": 0}, "sessions is 0; give 1 or more with --sessions"),
-        ({"trials": 0}, "trials is 0; give 1 or more with --trials"),
-        ({"seed": -1}, "seed is -1; give 0 or more with --seed"),
-        ({"refit_offsets": True, "method": "uncalibrated"}, "no model to refit with --method uncalibrated"),
-        ({"plugins": ("nowhere.py",)}, "plugin 'nowhere.py' is not a Python file"),
-    ],
-)
-def test_a_run_that_is_impossible_is_refused(bad, words):
-    with pytest.raises(TrocarError, match=words):
-        config(**bad).about()
-
-
-def test_what_is_left_open_is_as_the_task_and_the_method_have_it():
-    run = config()
-    assert (run.station, run.method, run.planner, run.perception) == ("peg-transfer", "calibrated", "spline", "depth")
-    assert run.arms == ("psm1",)
-    assert RunConfig(PegTransfer()).calibration == "images"
-    assert RunConfig(CircleSutures()).station == "suture"
-
-
-def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
-    mine = tmp_path / "mine.toml"
-    mine.write_text(station_text("peg-transfer").replace("133.2", "133.3"))
-    (plugin := tmp_path / "plugin.py").write_text("VALUE = 1\n")
-    runs = [
-        RunConfig(PegTransfer(transfers=1), calibration="joints"),
-        RunConfig(PegTransfer(budget_s=100.0), calibration="joints"),
-        RunConfig(CircleSutures()),
-        *(config(**{name: True}) for name in ("new_session", "refit_offsets", "flawless_camera")),
-        config(difficulty="recorded"),
-        config(flaws=("jaw=1deg",)),
-        config(prior="fleet"),
-        *(config(**choice) for choice in ({"seed": 1}, {"method": "uncalibrated"}, {"model": "ridge"})),
-        config(calibration="images"),
-        config(station=str(mine)),
-        config(plugins=(str(plugin),)),
-    ]
-    found = [run.fingerprint for run in (config(), *runs)]
-    assert len(set(found)) == len(found)
-    assert config(sessions=3, trials=5).fingerprint == config().fingerprint
-    plugin.write_text("VALUE = 2\n")
-    assert config(plugins=(str(plugin),)).fingerprint != found[-1]
-
-
-def test_a_fingerprint_is_the_same_in_another_process_and_in_any_order():
-    assert fingerprint({"a": 1, "b": {"c": 2, "d": 3}}) == fingerprint({"b": {"d": 3, "c": 2}, "a": 1})
-    code = (
-        "from trocar.eval.config import RunConfig; from trocar.tasks.peg_transfer.task import PegTransfer;"
-        "print(RunConfig(PegTransfer(), seed=4, calibration='joints', difficulty='mild').fingerprint)"
-    )
-    environment = {**os.environ, "PYTHONHASHSEED": "77"}
-    result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == config(seed=4).fingerprint
 
 
 # What is still to do.
@@ -295,15 +223,6 @@ def test_a_minute_and_what_other_instruments_show_make_a_model(tmp_path, calibra
     assert run.about()["flaws"]["cable models are fitted on"].endswith(
         "recordings of the instrument itself are left out"
     )
-
-
-def test_a_prior_needs_a_model_that_starts_from_one(tmp_path):
-    with pytest.raises(TrocarError, match="has no play model that could start from it; drop --prior"):
-        config(model="ridge", prior="fleet")
-    with pytest.raises(TrocarError, match="has no play model that could start from it; drop --prior"):
-        config(method="uncalibrated", prior="fleet")
-    with pytest.raises(TrocarError, match="does not exist"):
-        config(prior=str(tmp_path / "none.npz"))
 
 
 def test_every_session_is_another_day_and_every_day_can_be_drawn_again(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simulated import STATION, coarse, ideal_laboratory, standing
-from trocar.errors import InvalidInput, TrocarError
+from trocar.errors import InvalidInput
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
@@ -105,13 +105,9 @@ def test_a_robot_that_does_not_learn_is_refused(monkeypatch):
         taught(monkeypatch, [], robot=lambda inner, finds: inner)
 
 
-def config(**options):
-    return RunConfig(PegTransfer(transfers=2), method="adaptive", difficulty="recorded", seed=5, **options)
-
-
 @pytest.fixture(scope="module")
 def trial(tmp_path_factory):
-    run = config()
+    run = RunConfig(PegTransfer(transfers=2), method="adaptive", difficulty="recorded", seed=5)
     return run_trial(run, prepare(run, 0, tmp_path_factory.mktemp("adaptive")), 0)
 
 
@@ -141,10 +137,3 @@ def test_it_knows_how_far_off_it_may_be(trial):
     for event in looks:
         before = errors_at(trial, event["time_s"] - 2 * trial.scenery.tick_s)
         assert (np.abs(before) < 3.5 * np.array(event["spread_rad"])).all()
-
-
-def test_what_does_not_go_with_learning_is_refused():
-    with pytest.raises(TrocarError, match="learns model 'play', not 'lstm'; drop --model"):
-        config(model="lstm")
-    with pytest.raises(TrocarError, match="no_such_file"):
-        config(prior="no_such_file.npz")
