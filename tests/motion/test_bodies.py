@@ -143,9 +143,6 @@ def test_walls_are_thick_and_no_higher_than_ten_metres(height_m, radius_m, made)
             wall("fence", [0, 0, 0], [1, 0, 0], height_m, radius_m)
 
 
-PSM = ARMS["psm-classic"]
-
-
 def moving(coefficients, seconds=1.0, model=PSM):
     return MovingArm(model, Trajectory(np.array([0.0, seconds]), np.array(coefficients, dtype=float)[:, None]))
 

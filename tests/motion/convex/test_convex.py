@@ -21,9 +21,8 @@ PLACE = SE3.from_parts(translation_m=[-0.03, 0.01, -0.162])  # its wall at x = -
 RECEPTACLE = open_box("box", PLACE, inside_m=(0.11, 0.07), height_m=0.02, radius_m=2e-3)
 
 
-def across(y_m=0.01, depth_m=-0.13):
-    """Two tips that trade places along x, one in front of the other: the straight line collides, there is a way."""
-    return swapping(y_m, depth_m)
+ACROSS = swapping(0.01)
+"""Two tips that trade places along x, one in front of the other: the straight line collides, there is a way."""
 
 
 def straight_m(problem):
@@ -36,7 +35,7 @@ def straight_m(problem):
 
 
 def test_two_arms_find_a_way_where_the_straight_line_collides():
-    problem = asked(across())
+    problem = asked(ACROSS)
     assert straight_m(problem) < -3e-3
     plan = plan_motion(problem, "convex")
     assert plan.found, plan.reason
@@ -72,7 +71,7 @@ def test_what_is_answered_never_collides_and_keeps_limits_speed_and_marks(seed, 
 
 
 def test_the_limit_that_binds_is_used():
-    still = asked(across(0.03), max_tip_m_s=0.01)
+    still = asked(swapping(0.03), max_tip_m_s=0.01)
     plan = plan_motion(still, "convex")
     arm = still.arms["left"]
     times = np.linspace(0, plan.duration_s, 1000)
@@ -131,7 +130,7 @@ def test_one_arm_goes_over_the_wall_of_a_receptacle():
 
 
 def test_an_arm_that_is_not_asked_is_kept_clear_of_whether_it_rests_or_moves():
-    both = asked(across())
+    both = asked(ACROSS)
     left, right = both.arms["left"], both.arms["right"]
     alone = plan_motion(replace(both, arms={"right": right}), "convex")
     moving = MovingArm(right.model, alone.trajectory, right.T_world_base, jaw_rad=right.jaw_rad)
@@ -146,7 +145,7 @@ def test_an_arm_that_is_not_asked_is_kept_clear_of_whether_it_rests_or_moves():
 
 
 def test_what_cannot_be_is_told_apart_from_what_was_not_found():
-    problem = asked(across())
+    problem = asked(ACROSS)
     end = problem.arms["left"].T_world_base @ fk(problem.arms["left"].model, problem.arms["left"].waypoints[-1])
     ball = {"ball": Capsule(end.translation_m, radius_m=3e-3)}
     alone = replace(problem, arms={"left": problem.arms["left"]}, obstacles=ball)
@@ -158,7 +157,7 @@ def test_what_cannot_be_is_told_apart_from_what_was_not_found():
 
 def test_where_no_start_leads_to_a_motion_that_is_said(monkeypatch):
     monkeypatch.setattr(Search, "followed", lambda self, control, effort: None)
-    plan = plan_motion(asked(across()), "convex")
+    plan = plan_motion(asked(ACROSS), "convex")
     assert "found no motion: not found: no start led to a motion that keeps all distances" in plan.reason
 
 
@@ -170,7 +169,7 @@ def test_an_inner_waypoint_in_a_wall_is_infeasible():
 
 
 def test_a_moving_start_is_refused_in_one_sentence():
-    problem = asked(across())
+    problem = asked(ACROSS)
     moving = replace(problem.arms["left"], start_velocity=np.full(6, 1e-3))
     refusal = plan_motion(replace(problem, arms={**problem.arms, "left": moving}), "convex").refusal
     assert isinstance(refusal, ArmMoving) and refusal.arm == "left"
@@ -178,7 +177,7 @@ def test_a_moving_start_is_refused_in_one_sentence():
 
 
 def test_the_same_question_has_the_same_answer():
-    plans = [plan_motion(asked(across()), "convex") for _ in range(2)]
+    plans = [plan_motion(asked(ACROSS), "convex") for _ in range(2)]
     for name in NAMES:
         np.testing.assert_array_equal(*(plan.trajectories[name].coefficients for plan in plans))
 

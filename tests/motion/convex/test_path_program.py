@@ -112,7 +112,7 @@ def test_control_points_near_the_end_of_a_range_count_and_both_ends_do_not(joint
         control[[0, -1], joint] = upper[joint] + 1.0
         assert not len(range_rows(SCENE.arms, control, slack).room)
         for end, sign in ((lower, 1.0), (upper, -1.0)):
-            for share, near in ((0.09, True), (0.11, False)):
+            for share, near in ((-0.2, True), (0.09, True), (0.11, False)):
                 inside = 5e-4 - slack * extent[joint]
                 control[2, joint] = end[joint] + sign * (inside + share * extent[joint])
                 rows = range_rows(SCENE.arms, control, slack)

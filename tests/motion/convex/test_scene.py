@@ -13,7 +13,7 @@ from ravens import asked, random_waypoints
 from trocar.arms import capsules
 from trocar.geometry.capsules import nearest_m, segment_distances_m
 from trocar.motion import Capsule, HalfSpace, MovingArm
-from trocar.motion.convex.path_program import distance_rows, facing_rows, range_rows
+from trocar.motion.convex.path_program import facing_rows
 from trocar.motion.convex.scene import Scene, joint_path
 from trocar.motion.curve import Curve
 from trocar.trajectory import Trajectory
@@ -119,26 +119,6 @@ def test_axes_that_cross_are_pushed_apart_along_their_common_normal():
     normal = np.cross(a[1] - a[0], b[1] - b[0])
     distances.gaps_m[0, shafts] = 3e-9 * normal / np.linalg.norm(normal)  # as where they just do not touch
     np.testing.assert_allclose(distances.gradients(np.zeros(1, dtype=int), shafts), slopes, atol=1e-7)
-
-
-def test_rows_of_ranges_tell_how_far_inside_a_control_point_is():
-    scene, q = scene_at(5)
-    upper = np.concatenate([arm.model.upper for arm in scene.arms])
-    control = np.repeat(q, 5, axis=0)
-    control[2, 3] = upper[3] + 0.2
-    rows = range_rows(scene.arms, control, 0.0)
-    worst = int(np.argmin(rows.room))
-    assert rows.room[worst] == pytest.approx(-0.1 * (0.2 + 5e-4))
-    back = np.zeros_like(control)
-    back[2, 3] = -0.3
-    assert rows.after(back)[worst] == pytest.approx(0.1 * (0.1 - 5e-4))
-
-
-def test_only_what_is_near_makes_rows():
-    scene, q = scene_at(7)
-    distances = scene.distances(q, np.zeros(1))
-    rows = distance_rows(distances, np.full(1, 1e-3), np.ones((1, 1)), watched_m=0.02)
-    assert len(rows.room) == np.count_nonzero(distances.distance_m < 0.021)
 
 
 def test_the_shares_of_the_nearest_points_lead_to_the_shortest_vector():

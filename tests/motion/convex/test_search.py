@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ravens import asked, down, joints, least_m, swapping
-from trocar.arms import ARMS, MotionLimits, fk, wrist_depth_m
+from trocar.arms import MotionLimits, fk, wrist_depth_m
 from trocar.geometry import SE3
 from trocar.motion import ArmMotion, Capsule, Facing, MotionProblem, MovingArm
 from trocar.motion.convex import search as module
@@ -17,19 +17,19 @@ from trocar.motion.convex.path_program import Rows
 from trocar.motion.convex.scene import Scene
 from trocar.motion.convex.search import FEW, MORE, PATIENT, QUICK, Effort, Search, Sight, passing_shares, plain_path
 from trocar.trajectory import Trajectory
+from waypoints import PSM
 
 TWO = swapping(0.03)
 THREE = np.stack([TWO[:, 0], TWO.mean(axis=1) + 0.02, TWO[:, 1]], axis=1)
 
 
-def search_from(waypoints, count=2, **more):
-    problem = asked(waypoints, **more)
-    arms = dict(list(problem.arms.items())[:count])
-    problem = type(problem)(arms, obstacles=problem.obstacles, min_distance_m=problem.min_distance_m, **more)
+def search_for(problem):
     return Search(problem, Scene.of(problem))
 
 
-BOTH, ONE, PASSING = search_from(TWO), search_from(TWO, count=1), search_from(THREE)
+TRADED = asked(TWO)
+BOTH, PASSING = search_for(TRADED), search_for(asked(THREE))
+ONE = search_for(replace(TRADED, arms={"left": TRADED.arms["left"]}))
 
 
 def middle(control):
@@ -113,7 +113,7 @@ def test_starts_lead_round_by_one_arm_by_both_and_one_after_the_other():
 
 def test_starts_stay_within_the_ranges_and_go_through_the_waypoints():
     for slack in (0.0, 0.01):
-        starts = search_from(TWO, range_slack=slack).starts
+        starts = search_for(asked(TWO, range_slack=slack)).starts
         wild = starts.plain + np.array([9.0, -9.0])[:, None, None] * np.ones_like(starts.plain)
         kept = starts._kept(list(wild))
         for k, arm in enumerate(starts.arms):
@@ -130,14 +130,9 @@ def test_starts_stay_within_the_ranges_and_go_through_the_waypoints():
                 np.testing.assert_allclose(passed, THREE[k], atol=1e-9)
 
 
-PSM = ARMS["psm-classic"]
 LEFT = [joints("left", down(tip)) for tip in ([-0.03, 0.02, -0.10], [-0.045, 0.01, -0.11], [-0.06, 0.0, -0.12])]
 RIGHT = [joints("right", down(tip)) for tip in ([-0.12, -0.03, -0.11], [-0.12, -0.03, -0.12])]
 APART, CROSSING = asked([LEFT[::2], RIGHT]), asked(swapping(0.01))
-
-
-def search_for(problem):
-    return Search(problem, Scene.of(problem))
 
 
 def test_waypoints_are_passed_when_their_joints_need_it():
