@@ -53,14 +53,10 @@ EVEN = [0.01 * k for k in range(20)]
         ("", "is empty"),
         ("1,2\n3,4\n", "does not name its columns"),
         ("q1,q1\n3,4\n", "does not name its columns"),
-        ("t_s,q1\n" + "0,1\n" * 20, "do not increase at row 3"),
-        (lines([*EVEN[:10], *(t + 0.005 for t in EVEN[10:])], EVEN), "not even"),
-        (lines([0, 0.01, *np.arange(10, 28)], np.arange(20)).replace("2.000000,", "2.5,"), "not even|increase"),
         (lines(EVEN, [*range(19), "fast"]), "'fast' under 'q1'"),
         (lines(EVEN, [*range(19), "inf"]), "'inf' under 'q1'"),
         (lines(EVEN, [*range(19), "1,2"]), "has 3 cells, not 2"),
         ("t_s\n" + "".join(f"{t}\n" for t in EVEN), "no column besides the times"),
-        (lines([*EVEN[:8], *(t + 1.0 for t in EVEN[8:])], EVEN), "more than half"),
     ],
 )
 def test_what_cannot_be_used_is_said_in_a_sentence(tmp_path, text, words):
@@ -79,8 +75,8 @@ def test_files_that_are_none(tmp_path):
         read_joint_table(written(tmp_path, lines(EVEN, EVEN))).columns(["q2"], "joints.csv")
 
 
-def moved(index, by_s, count=20):
-    return [0.01 * k + (by_s if k >= index else 0.0) for k in range(count)]
+def moved(index, by_s):
+    return [t + (by_s if k >= index else 0.0) for k, t in enumerate(EVEN)]
 
 
 @pytest.mark.parametrize(("by", "even"), [(0.29, True), (-0.29, True), (0.31, False), (-0.31, False), (1.31, False)])
@@ -89,7 +85,9 @@ def test_a_step_may_differ_by_less_than_a_third(tmp_path, by, even):
     if even:
         assert read_joint_table(path).values.shape == (20, 1)
         return
-    with pytest.raises(TrocarError, match=rf"step to row 9 is {10 * (1 + by):.2f} ms, most are 10.00 ms"):
+    with pytest.raises(
+        TrocarError, match=rf"are not even: the step to row 9 is {10 * (1 + by):.2f} ms, most are 10.00 ms"
+    ):
         read_joint_table(path)
 
 
@@ -101,16 +99,16 @@ def test_a_step_of_nearly_nothing_is_none(tmp_path):
 
 @pytest.mark.parametrize("at", [0, 4, 18])
 def test_the_row_whose_time_does_not_increase_is_named(tmp_path, at):
-    times = moved(99, 0.0)
+    times = EVEN.copy()
     times[at + 1] = times[at]
     with pytest.raises(TrocarError, match=f"do not increase at row {at + 3}; sort the rows"):
         read_joint_table(written(tmp_path, lines(times, range(20))))
 
 
 def test_sixteen_rows_are_enough(tmp_path):
-    assert len(read_joint_table(written(tmp_path, lines(moved(99, 0.0, 16), range(16)))).values) == 16
+    assert len(read_joint_table(written(tmp_path, lines(EVEN[:16], range(16)))).values) == 16
     with pytest.raises(TrocarError, match="has 15 rows of numbers; 16 are needed"):
-        read_joint_table(written(tmp_path, lines(moved(99, 0.0, 15), range(15))))
+        read_joint_table(written(tmp_path, lines(EVEN[:15], range(15))))
 
 
 @pytest.mark.parametrize(("missing", "used"), [(20, True), (21, False)])
@@ -134,6 +132,6 @@ def test_times_may_stand_in_any_column(tmp_path):
 
 
 def test_a_row_without_a_time_is_named(tmp_path):
-    text = lines(moved(99, 0.0), range(20)).replace("0.050000,", ",", 1)
+    text = lines(EVEN, range(20)).replace("0.050000,", ",", 1)
     with pytest.raises(TrocarError, match="do not increase at row 7"):
         read_joint_table(written(tmp_path, text))

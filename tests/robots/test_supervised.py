@@ -65,20 +65,12 @@ def test_a_motion_that_is_stopped_goes_on_along_its_path(stops):
     assert np.all(np.diff([one.path_s for one in seen]) >= -1e-9)
     for one in seen:
         np.testing.assert_allclose(one.q, MOTION(one.path_s), atol=2e-4)
+    for before, after in itertools.pairwise(seen):  # its time runs on from where it was stopped
+        low, high = sorted((before.path_rate, after.path_rate))
+        assert low - 0.1 <= (after.path_s - before.path_s) / TICK_S <= high + 0.1
     assert max(arms.use("a")) <= 1.001
     assert len(result.times_s) == len(result.commanded) and np.all(np.diff(result.times_s) > 0)
     assert arms.now_s() > MOTION.duration_s + STAY_S - 0.2
-
-
-def test_its_time_runs_on_from_where_it_was_stopped():
-    arms, _ = supervised([STOP_S])
-    seen = []
-    arms.each_tick.append(lambda: seen.append(arms.robot.setpoint("a")))
-    arms.run(lambda: arms.robot.move({"a": MOTION}))
-    for before, after in itertools.pairwise(seen):
-        rate = (after.path_s - before.path_s) / TICK_S
-        low, high = sorted((before.path_rate, after.path_rate))
-        assert low - 0.1 <= rate <= high + 0.1
 
 
 def test_without_a_person_nothing_changes():

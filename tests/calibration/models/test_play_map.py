@@ -21,8 +21,8 @@ from trocar.errors import TrocarError
 RATIO = 0.3
 
 
-def _covariance(rows):
-    return np.eye(len(rows)) + RATIO * np.exp(-np.abs(rows[:, None] - rows) / DRIFT_ROWS)
+def _covariance(rows, ratio=RATIO):
+    return np.eye(len(rows)) + ratio * np.exp(-np.abs(rows[:, None] - rows) / DRIFT_ROWS)
 
 
 @given(steps=st.lists(st.integers(1, 90), min_size=1, max_size=30), seed=st.integers(0, 2**32 - 1))
@@ -47,7 +47,7 @@ def test_the_likelihood_is_that_of_a_normal_distribution_of_the_likeliest_scale(
     residuals = np.random.default_rng(3).normal(size=(8, 2)) * [0.1, 7.0]
 
     def dense(ratio):
-        covariance = np.eye(8) + ratio * np.exp(-np.abs(rows[:, None] - rows) / DRIFT_ROWS)
+        covariance = _covariance(rows, ratio)
         scales = np.sum(residuals * np.linalg.solve(covariance, residuals), axis=0) / 8
         return -0.5 * (8 * np.log(scales).sum() + 2 * np.linalg.slogdet(covariance)[1])
 
@@ -119,7 +119,7 @@ def test_a_regression_is_a_ridge_on_standardised_features_with_a_free_constant()
 def test_a_regression_with_a_whitener_is_generalised_least_squares():
     rng, rows = np.random.default_rng(3), np.array([0, 1, 2, 5, 6, 9, 30, 31, 32, 40])
     x, y = rng.normal(1.0, 2.0, (10, 2)), rng.normal(size=(10, 1))
-    alike = np.eye(10) + 0.7 * np.exp(-np.abs(rows[:, None] - rows) / DRIFT_ROWS)
+    alike = _covariance(rows, 0.7)
     features = np.column_stack([np.ones(10), (x - x.mean(axis=0)) / x.std(axis=0)])
     normal = features.T @ np.linalg.solve(alike, features) + np.diag([0.0, 2.0, 2.0])
     weights = np.linalg.solve(normal, features.T @ np.linalg.solve(alike, y))
@@ -201,7 +201,7 @@ def test_bumps_are_the_gaussian_process_of_what_the_linear_part_leaves():
 
 def test_errors_that_drift_are_not_taken_for_a_map():
     rng, rows = np.random.default_rng(8), np.arange(300)
-    drift = np.linalg.cholesky(np.eye(300) + 0.3 * np.exp(-np.abs(rows[:, None] - rows) / DRIFT_ROWS))
+    drift = np.linalg.cholesky(_covariance(rows))
     x, y, _ = made(9, n=300)
     y += 0.5 * drift @ rng.normal(size=(300, 3))
     fitted, _ = fit_map(x, y, rows)
