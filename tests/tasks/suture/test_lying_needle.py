@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulated import ideal_session, mild
+from sewing import sewing_laboratory
+from simulated import mild
 from trocar.geometry import SE3, SO3
-from trocar.lab import SensorFlaws
 from trocar.perception.depth import project
 from trocar.perception.image import RgbdImage
-from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.suture.lying_needle import find_lying
 from trocar.tasks.suture.stand import PHANTOM_M
 from trocar.tasks.suture.task import CircleSutures
@@ -25,10 +24,7 @@ T_CAMERA_FLOOR = STATION.cameras[CAMERA].T_world_camera.inverse() @ SCENE.T_worl
 
 def image_of(T_circle_needle):
     """Return an image of the phantom with a needle that lies here."""
-    lab = SimLaboratory(
-        ideal_session(STATION), TASK.world((SCENE, ARMS)), np.random.default_rng(0), flaws=SensorFlaws.none()
-    )
-    images = []
+    lab, images = sewing_laboratory(TASK, STATION, (SCENE, ARMS)), []
 
     async def script(cell):
         images.append(await cell.cameras[CAMERA].capture())

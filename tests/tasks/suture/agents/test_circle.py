@@ -2,18 +2,17 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from simulated import coarse, ideal_session
+from sewing import briefed, sewing_laboratory
+from simulated import coarse
 from trocar.arms import limit_violations
 from trocar.errors import ArmStopped, InvalidInput, OutOfReach, TrocarError
-from trocar.eval import AgentContext
-from trocar.lab import SensorFlaws, load_station
-from trocar.motion import PLANNERS
-from trocar.sim.laboratory import SimLaboratory
+from trocar.lab import load_station
 from trocar.tasks.suture.agents import circle
 from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along, run_up
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, stretches
@@ -33,28 +32,13 @@ QUICK = Settings(driving_speed_m_s=0.016)
 UNSEEN = replace(QUICK, images=0)
 """Where an arm can go in one suture does not depend on looks at the needle."""
 
+laboratory = partial(sewing_laboratory, TASK, STATION)
+told = partial(briefed, sutures=GOALS[:1], settings=QUICK)
+
 
 async def nobody(arm):
     """Load nothing."""
     del arm
-
-
-def laboratory():
-    world = TASK.world(TASK.scene(np.random.default_rng(0), STATION))
-    return SimLaboratory(ideal_session(STATION), world, np.random.default_rng(0), flaws=SensorFlaws.none())
-
-
-def briefed(cell, sutures=GOALS[:1], arms=("psm1",), settings=QUICK):
-    return AgentContext(
-        cell=cell,
-        goals=sutures,
-        nominal=None,
-        arms=arms,
-        planner=PLANNERS["spline"],
-        perception=None,
-        rng=np.random.default_rng(0),
-        settings=settings,
-    )
 
 
 def drive(sutures, load=None, settings=QUICK, refusing=()):
@@ -64,7 +48,7 @@ def drive(sutures, load=None, settings=QUICK, refusing=()):
         lab.cell = replace(lab.cell, assistants={LOAD: load})
     if refusing:
         lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, *refusing))
-    agent = CircleSuturing(briefed(lab.cell, sutures, settings=settings))
+    agent = CircleSuturing(briefed(lab.cell, sutures, settings))
     assert lab.run(lambda cell: agent.run(), TASK.budget_s)
     return lab, score_sutures(sutures, lab.truth(), lab.log.events)
 
@@ -145,7 +129,7 @@ def test_jaws_that_went_back_beyond_the_next_grip_have_come_forward_to_it_when_t
 
 
 def test_the_tip_goes_in_and_comes_out_at_speeds_of_their_own_after_the_last_looks():
-    agent = CircleSuturing(briefed(laboratory().cell, settings=replace(QUICK, entry_speed_m_s=1.0, exit_speed_m_s=2.0)))
+    agent = CircleSuturing(told(laboratory().cell, settings=replace(QUICK, entry_speed_m_s=1.0, exit_speed_m_s=2.0)))
     pieces = suture_segments(GOALS[0])[:-2]
     speeds = [(each.segment.name, agent._speed_m_s(each)) for each in stretches(pieces, SETUP)]
     assert [pair for pair in speeds if pair[1]] == [("penetrate", 1.0), ("push 1", 2.0), ("push 1", 2.0)]
@@ -254,7 +238,7 @@ def test_jaws_that_were_given_nothing_say_so():
 def test_a_needle_that_is_badly_loaded_is_loaded_anew_as_often_as_allowed(monkeypatch):
     monkeypatch.setattr(NeedleTracker, "well_loaded", property(lambda tracker: False))
     lab = laboratory()
-    agent = CircleSuturing(briefed(lab.cell))
+    agent = CircleSuturing(told(lab.cell))
     assert not lab.run(lambda cell: agent.run(), 15.0)
     assert "penetrate" in [event["step"] for event in named(lab, "step")], "then it is driven nevertheless"
     assert len(named(lab, "loaded anew")) == QUICK.loadings - 1
@@ -263,9 +247,9 @@ def test_a_needle_that_is_badly_loaded_is_loaded_anew_as_often_as_allowed(monkey
 def test_a_cell_without_an_assistant_is_refused():
     lab = laboratory()
     with pytest.raises(InvalidInput, match="nobody in this cell loads the needle"):
-        CircleSuturing(briefed(replace(lab.cell, assistants={})))
+        CircleSuturing(told(replace(lab.cell, assistants={})))
     with pytest.raises(TrocarError, match=r"arm 'psm3' is unknown; .*choose one of psm1"):
-        CircleSuturing(briefed(lab.cell, arms=("psm3",)))
+        CircleSuturing(told(lab.cell, arms=("psm3",)))
 
 
 def test_a_motion_along_a_path_keeps_to_it_and_rests_at_both_ends():

@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulated import coarse, ideal_session
+from sewing import briefed, sewing_laboratory
+from simulated import coarse
 from trocar.arms import fk
 from trocar.errors import TrocarError
-from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.lab import load_station
-from trocar.motion import PLANNERS
 from trocar.robots.arm_script import ArmScript
-from trocar.sim.laboratory import SimLaboratory
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings, blind
 from trocar.tasks.suture.agents.needle_estimator import DOUBT, NeedleEstimate
 from trocar.tasks.suture.agents.needle_tracker import FINDING_LOOKS, Aim, stretches
@@ -32,15 +30,12 @@ MISLOADED = SE3.exp([0.4e-3, 0.5e-3, -0.4e-3, 0.06, -0.05, 0.04])
 
 
 def agent_in(lab, settings):
-    return CircleSuturing(
-        AgentContext(lab.cell, GOALS, None, ("psm1",), PLANNERS["spline"], None, np.random.default_rng(0), settings)
-    )
+    return CircleSuturing(briefed(lab.cell, GOALS, settings))
 
 
 def laboratory():
     scene, arm = TASK.scene(np.random.default_rng(0), STATION)
-    world = TASK.world((replace(scene, T_needle_loaded=(MISLOADED,)), arm))
-    return SimLaboratory(ideal_session(STATION), world, np.random.default_rng(0))
+    return sewing_laboratory(TASK, STATION, (replace(scene, T_needle_loaded=(MISLOADED,)), arm), flawed=True)
 
 
 def driven(settings):

@@ -1,17 +1,15 @@
 """Two arms sew without a person: from the stand, through the tissue, from hand to hand; failures have names."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from simulated import coarse, ideal_session
-from trocar.cell import Cell
+from sewing import briefed, sewing_laboratory
+from simulated import coarse
 from trocar.errors import InvalidInput, OutOfReach
-from trocar.eval import AgentContext
-from trocar.lab import SensorFlaws, load_station
-from trocar.motion import PLANNERS
-from trocar.sim.laboratory import SimLaboratory
+from trocar.lab import load_station
 from trocar.tasks.suture.agents import agent_of
 from trocar.tasks.suture.agents.circle import CircleSuturing, Settings
 from trocar.tasks.suture.agents.two_arms import TwoArmSuturing
@@ -28,29 +26,14 @@ BLIND = Settings(driving_speed_m_s=0.016, travel_speed_m_s=0.05, images=0)
 
 LOOKING = replace(BLIND, images=1)
 
-
-def laboratory():
-    world = TASK.world(TASK.scene(np.random.default_rng(0), STATION))
-    return SimLaboratory(ideal_session(STATION), world, np.random.default_rng(0), flaws=SensorFlaws.none())
-
-
-def briefed(cell: Cell, sutures=GOALS[:1], arms=ARMS, settings=BLIND):
-    return AgentContext(
-        cell=cell,
-        goals=sutures,
-        nominal=None,
-        arms=arms,
-        planner=PLANNERS["spline"],
-        perception=None,
-        rng=np.random.default_rng(0),
-        settings=settings,
-    )
+laboratory = partial(sewing_laboratory, TASK, STATION)
+told = partial(briefed, sutures=GOALS[:1], settings=BLIND, arms=ARMS)
 
 
 def sew(sutures, change=lambda agent: None, settings=BLIND):
     """Return the laboratory in which these sutures were sewn, and their scores; ``change`` sees the agent first."""
     lab = laboratory()
-    agent = agent_of(briefed(lab.cell, sutures, settings=settings))
+    agent = agent_of(briefed(lab.cell, sutures, settings, ARMS))
     change(agent)
     assert lab.run(lambda cell: agent.run(), TASK.budget_s)
     return lab, score_sutures(sutures, lab.truth(), lab.log.events)
@@ -79,18 +62,18 @@ def steps(lab, suture):
 
 def test_as_many_arms_as_work_get_their_agent():
     cell = laboratory().cell
-    assert type(agent_of(briefed(cell))) is TwoArmSuturing
+    assert type(agent_of(told(cell))) is TwoArmSuturing
     with pytest.raises(InvalidInput, match="loads the needle"):
-        agent_of(briefed(cell, arms=ARMS[:1]))
+        agent_of(told(cell, arms=ARMS[:1]))
     helped = replace(cell, assistants={"load needle": None})
-    assert type(agent_of(briefed(helped, arms=ARMS[:1]))) is CircleSuturing
+    assert type(agent_of(told(helped, arms=ARMS[:1]))) is CircleSuturing
 
 
 def test_a_cell_without_a_stand_is_refused():
     cell = laboratory().cell
     fixtures = {name: T for name, T in cell.T_world_fixture.items() if name != "stand"}
     with pytest.raises(InvalidInput, match="no fixture 'stand'"):
-        agent_of(briefed(replace(cell, T_world_fixture=fixtures)))
+        agent_of(told(replace(cell, T_world_fixture=fixtures)))
 
 
 @pytest.fixture(scope="module")
@@ -212,6 +195,6 @@ def test_arms_that_cannot_do_their_part_say_so_before_anything_moves():
     lab = laboratory()
     away = {ARMS[1]: lab.cell.T_world_base_registered[ARMS[0]]}
     cell = replace(lab.cell, T_world_base_registered=lab.cell.T_world_base_registered | away)
-    agent = agent_of(briefed(cell))
+    agent = agent_of(told(cell))
     with pytest.raises(OutOfReach, match="second arm"):
         lab.run(lambda cell: agent.begin(), 60.0)
