@@ -136,7 +136,6 @@ def test_a_file_of_ones_own_is_read(tmp_path):
         ('kind = "rgbd"', 'kind = "x-ray"', "it should be 'rgbd' or 'stereo'"),
         ('kind = "rgbd"', 'kind = "stereo"', "has no key 'baseline_mm'"),
         ("[arms.psm1]", "[arms", "is not TOML"),
-        ('about = "two', 'cameras = 3\nabout = "two', "Cannot|is not TOML"),
         ("exposure_ms = 143", "flaws = 3\nexposure_ms = 143", "flaws is 3; give a table"),
         ("exposure_ms = 143", "flaws = { missing = true }\nexposure_ms = 143", r"flaws\.missing is True"),
         ('calibration = "psm1"', 'calibration = "psm3"', "it should be 'task', 'psm1' or 'psm2'"),

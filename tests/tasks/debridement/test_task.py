@@ -58,7 +58,6 @@ def test_the_referee_looks_from_both_eyes(station):
         ({"fragments": 0}, "the number of fragments is 0; give 1 to 12 with --fragments"),
         ({"fragments": 13}, "give 1 to 12"),
         ({"backdrop": "sea"}, "backdrop 'sea' is unknown; choose one of plain, tissue"),
-        ({"budget_s": 0.0}, "the budget of a trial is 0.0 s"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options, sentence):

@@ -132,7 +132,6 @@ ONE, UNHELD = planned(), replace(SETUP.grasp, skew_rad=1.0)
         (None, {"preset": "nowhere"}, "preset 'nowhere' is unknown; choose one of default"),
         (None, {"direction": "up"}, "direction 'up'.*clockwise"),
         (None, {"sutures": 0}, "number of sutures is 0"),
-        (None, {"budget_s": 0.0}, "budget of a trial is 0.0 s.*--budget"),
         (ONE, {"direction": "best"}, "direction 'best' cannot be combined with a plan"),
         (ONE, {"sutures": 2}, "number of sutures is 2, but the plan has 1"),
         (planned(grasp=UNHELD), {}, "the plan cannot be driven.*flat jaws.*--set grasp_skew_deg=0"),

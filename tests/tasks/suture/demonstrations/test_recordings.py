@@ -22,6 +22,8 @@ HEADER = [f"psm{a}_q{i}" for a in (1, 2) for i in range(1, 7)]
 SUTURES = [synthetic_suture(np.radians(theta), np.random.default_rng(theta)) for theta in THETAS_DEG]
 EXPECTED = np.array([(manipulability(ARM, q) ** 2).mean(0) for q in SUTURES]).T
 BASES = (SETUP.T_world_base, SECOND_BASE)
+DEGREES = np.tile([180 / np.pi, 180 / np.pi, 1.0, *[180 / np.pi] * 3], 2)
+MILLIMETRES = np.tile([1.0, 1.0, 1e3, 1.0, 1.0, 1.0], 2)
 SHIPPED = files("trocar.tasks.suture.demonstrations") / "synthetic_set"
 
 
@@ -70,9 +72,8 @@ def test_joints_are_found_by_their_names_in_any_order(tmp_path, names):
 
 
 def test_joints_may_be_in_degrees_and_mm(tmp_path):
-    shown = np.tile([180 / np.pi, 180 / np.pi, 1e3, *[180 / np.pi] * 3], 2)
     for file, q in zip("ab", SUTURES, strict=True):
-        table(tmp_path, q.reshape(-1, 12) * shown, f"{file}.csv")
+        table(tmp_path, q.reshape(-1, 12) * DEGREES * MILLIMETRES, f"{file}.csv")
     check(read(tmp_path, f'{TWO}angles = "deg"\nlengths = "mm"\n'))
 
 
@@ -194,10 +195,6 @@ def changed(row, column, value):
     q = Q.copy()
     q[row, column] = value
     return q
-
-
-DEGREES = np.tile([180 / np.pi, 180 / np.pi, 1.0, *[180 / np.pi] * 3], 2)
-MILLIMETRES = np.tile([1.0, 1.0, 1e3, 1.0, 1.0, 1.0], 2)
 
 
 @pytest.mark.parametrize(
