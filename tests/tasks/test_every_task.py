@@ -1,6 +1,7 @@
 """What every registered task must have and do."""
 
 import json
+import math
 from dataclasses import dataclass, fields
 
 import pytest
@@ -64,8 +65,9 @@ def test_its_help_names_methods_perceptions_options_and_an_example(name):
 @EVERY_TASK
 def test_its_options_have_one_line_of_help_and_a_budget_above_zero(name):
     assert all(field.metadata["help"].endswith(".") for field in fields(TASKS[name]))
-    with pytest.raises(TrocarError, match=r"budget of a trial is -1.*--budget"):
-        TASKS[name](budget_s=-1.0)
+    for budget_s in (-1.0, 0.0, math.inf, math.nan):
+        with pytest.raises(TrocarError, match=f"budget of a trial is {budget_s} s; give a finite time.*--budget"):
+            TASKS[name](budget_s=budget_s)
 
 
 @EVERY_TASK
