@@ -15,6 +15,8 @@ from trocar.robots import TICK_S, Driver
 ARM = ARMS["psm-classic"]
 PAPER = MOTION_LIMITS["paper"]
 HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
+GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
+"""A motion there takes about half a second."""
 SERVO_S = 0.002
 
 

@@ -8,14 +8,13 @@ import trio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from driven import ARM, HOME, PAPER, PlainArms, running
+from driven import ARM, GOAL, HOME, PAPER, PlainArms, running
 from trocar.cell import MotionEnd
 from trocar.errors import TrocarError
 from trocar.motion import plan_through, rest_to_rest
 from trocar.robots import TICK_S
 from trocar.trajectory import Trajectory
 
-GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
 EXACT = 1.0 + 1e-6
 
 

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from driven import ARM, HOME, PAPER
+from driven import ARM, GOAL, HOME, PAPER
 from trocar.cell import MotionEnd
 from trocar.errors import ArmStopped
 from trocar.motion import rest_to_rest
 from trocar.robots.executor import Ending, TrajectoryExecutor
 from trocar.trajectory import Trajectory
 
-GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
 START_S = 2.0
 HELD = Ending(MotionEnd.HELD, ArmStopped("a", "somebody is in the way"))
 FAULT = Ending(MotionEnd.FAULT, ArmStopped("a", "a wrapper"))

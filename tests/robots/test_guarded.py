@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trio
 
-from driven import ARM, HOME, PAPER, PlainArms, running
+from driven import ARM, GOAL, HOME, PAPER, PlainArms, running
 from trocar.arms import MotionLimits, capsules, fk, ik
 from trocar.cell import MotionEnd
 from trocar.errors import InvalidInput, OutOfReach, TooNear, TrocarError
@@ -17,8 +17,6 @@ from trocar.lab import load_station
 from trocar.motion import rest_to_rest
 from trocar.robots import ArmGuard, Guarded
 from trocar.trajectory import Trajectory
-
-GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
 
 
 def guarded(names=("a",), homes=None, bases=None, **kwargs):

@@ -8,14 +8,13 @@ import trio
 from numpy.testing import assert_allclose, assert_array_equal
 from trio.testing import MockClock, wait_all_tasks_blocked
 
-from driven import ARM, HOME, PAPER
+from driven import ARM, GOAL, HOME, PAPER
 from trocar.cell import MotionEnd
 from trocar.lab.transmission import JawCable
 from trocar.motion import rest_to_rest
 from trocar.robots import TICK_S
 from trocar.sim.robot import SimRobot
 
-GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
 OFF = np.array([0, 0, 0, 0.1, -0.2, 0.3])
 SERVO_S = 2e-3
 
