@@ -20,8 +20,9 @@ from trocar.sim.sensor import Light
 from trocar.sim.spec import INTANGIBLE, SHAPES, digits, placed
 
 AMBIENT, GAIN = 0.6, 0.8
-LAMP = np.array([-0.5, -0.5, -0.5])
-"""Where the lamp is in the camera's frame (to its left, above and behind), times the distance of what is looked at."""
+LAMP = np.array([-0.25, -0.2, 0.1])
+"""Position of the lamp in the camera's frame, as a share of the distance to the middle of the scene: to the left of the
+camera and above it. It is close enough to the camera that no arm's drive unit stands in its light."""
 TABLE_RGB = (0.80, 0.83, 0.86)
 BELOW_M = 2e-3
 """The table is this far below the lowest fixed solid."""
