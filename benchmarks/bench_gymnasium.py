@@ -20,6 +20,7 @@ import mujoco
 import trocar.learn.envs
 from trocar.eval import TASKS
 from trocar.learn.environment import CellEnv
+from trocar.log import machine_speed
 from trocar.sim.spec import TIMESTEP_S
 
 RATE_HZ = 30.0
@@ -90,10 +91,11 @@ def main():
     state, alone, reset_s = steps_a_second(asked.steps)
     above, _, _ = steps_a_second(asked.steps // 4, calibrated=True)
     images, _, _ = steps_a_second(asked.steps // 10, observation=("state", "images"))
-    print(f"steps of {1e3 / RATE_HZ:.0f} ms a second of one core")
+    speed = machine_speed()
+    print(f"steps of {1e3 / RATE_HZ:.0f} ms a second of one core, and at the reference's speed ({1 / speed:.2f} x)")
     rates = {"state": state, "state calibrated": above, "state and images": images, "mujoco alone": alone}
     for name, rate in rates.items():
-        print(f"  {name:18} {rate:7.0f}")
+        print(f"  {name:18} {rate:7.0f} {rate / speed:7.0f}")
     print(f"a reset takes {reset_s:.2f} s; wall clock, by processes:")
     for count in sorted({1, os.cpu_count() or 1}):
         print(f"  {count:<18} {scaled(asked.steps // 4, count):7.0f}")

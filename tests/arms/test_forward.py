@@ -25,7 +25,7 @@ def dh(a, alpha, d, theta):
 
 
 def psm_table(q):
-    """The eight rows of facts/peg_transfer.md."""
+    """The eight rows of the PSM in modified DH (Hwang et al. 2022)."""
     rows = [
         (0, PI / 2, 0, q[0] + PI / 2),
         (0, -PI / 2, 0, q[1] - PI / 2),
@@ -40,7 +40,7 @@ def psm_table(q):
 
 
 def raven_table(q, left):
-    """The six rows of facts/debridement.md: frame 6, with its x axis along the jaws."""
+    """The six rows of the Raven II in modified DH: frame 6, with its x axis along the jaws."""
     deg = np.radians
     rows = [
         (0, deg(0 if left else 180), 0, q[0] + deg(205 if left else 25)),

@@ -80,7 +80,7 @@ def test_steel_and_knuckle_are_within_what_they_are_parts_of(shape):
 
 
 def test_lengths_are_as_measured():
-    """facts/peg_transfer.md and facts/debridement.md: the jaws' ends beyond their axis, the Raven's shaft (d4)."""
+    """The jaws' ends beyond their axis, and the Raven's shaft (d4)."""
     assert LARGE_NEEDLE_DRIVER.finger_length_m == 0.0102
     assert (RAVEN_GRIPPER.finger_length_m, RAVEN_GRIPPER.shaft_length_m) == (0.020, 0.470)
     psm, raven = ARMS["psm-classic"], ARMS["raven2-left"]

@@ -1,4 +1,4 @@
-"""The numbers of known arms in the units of their sources: facts/peg_transfer.md, facts/debridement.md."""
+"""The numbers of known arms in the units of their sources (dVRK configuration, Raven II, Hwang et al. 2022)."""
 
 import colorsys
 from itertools import combinations

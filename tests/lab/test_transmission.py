@@ -159,7 +159,7 @@ def test_a_raven_errs_as_much_in_every_session_and_another_way_in_each():
 
 
 def test_a_ravens_tip_errs_as_was_measured():
-    """38 mm and 24.5 deg on average, 7.1 mm RMS after the best rigid fit (facts/debridement.md), over sessions."""
+    """38 mm and 24.5 deg on average, 7.1 mm RMS after the best rigid fit, over sessions."""
     arm, raw, turned, left = ARMS["raven2-left"], [], [], []
     lower, upper = np.array([0.3, 1.2, 0.28, -1.5, -0.7, -0.7]), np.array([0.9, 1.9, 0.36, 1.5, 0.7, 0.7])
     rng = np.random.default_rng(0)

@@ -49,7 +49,7 @@ def jacobian(arm: ArmModel, q: ArrayLike) -> Array:
     """Return the geometric Jacobian(s) (..., 6, 6), from joint velocities to the tip's velocity in the base frame.
 
     Rows are the tip's linear velocity (m/s), then its angular velocity (rad/s). For the PSM exactly
-    ``|det J| = cos q2 * d * (d cos q5 + L3)`` with d = q3 - .0156 (``facts/peg_transfer.md``, Kinematics).
+    ``|det J| = cos q2 * d * (d cos q5 + L3)`` with d = q3 - .0156.
 
     Raises:
         TrocarError: ``q`` has another shape or is not finite.

@@ -155,7 +155,7 @@ class ArmModel:
 
     The remote centre is the origin of frame 0. The tip lies ``tip_length_m`` along +y of frame 6. The z axis of its
     frame points back along the jaws, and y along -z of frame 6 (the jaw axis), so that the PSM's tip is parallel to its
-    base at q = 0 (``facts/peg_transfer.md``, Kinematics).
+    base at q = 0.
 
     Attributes:
         name: key in ``ARMS``.

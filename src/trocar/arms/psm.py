@@ -10,13 +10,13 @@ import numpy as np
 from trocar.arms.instrument import LARGE_NEEDLE_DRIVER
 from trocar.arms.model import ArmModel, Joint, MotionLimits
 
-# Hwang et al. 2022, Fig. 8 and facts/peg_transfer.md, "Kinematics"
+# Hwang et al. 2022, Fig. 8
 L1_M = 0.4318  # remote centre to the carriage at full retraction
 L2_M = 0.4162  # length of the instrument's shaft
 L3_M = 0.0091  # wrist pitch axis to wrist yaw axis
 L4_M = 0.0095  # wrist yaw axis to the point between the jaws that the paper controls; dVRK: 0, jaw tip: .0102
 
-# dVRK trajectory limits (facts/peg_transfer.md, "Kinematics")
+# dVRK trajectory limits, from its configuration
 _ARM = radians(90), radians(90)  # speed per s, acceleration per s^2
 _SLIDE = 0.2, 0.2
 _WRIST = radians(1080), radians(720)
@@ -40,7 +40,7 @@ PSM_CLASSIC = ArmModel(
     jaw=Joint("jaw", radians(-40), radians(80), max_speed=6.0, max_acceleration=radians(720)),
     instrument=LARGE_NEEDLE_DRIVER,
     safe_depth_m=0.045,  # sawIntuitiveResearchKit, SafeDistanceFromRCM (Cartesian control)
-    # 8 mm instruments, joint from actuator: roll, wrist pitch, wrist yaw, jaw (facts/peg_transfer.md)
+    # 8 mm instruments, joint from actuator: roll, wrist pitch, wrist yaw, jaw (the dVRK's coupling matrix)
     coupling=(
         (-1.5632, 0.0, 0.0, 0.0),
         (0.0, 1.0186, 0.0, 0.0),

@@ -8,7 +8,7 @@ from math import pi, radians
 from trocar.arms.instrument import RAVEN_GRIPPER, FingerMarks
 from trocar.arms.model import ArmModel, Joint
 
-# facts/debridement.md, "Raven II kinematics". Row 4 there has d = -0.47 m, which commutes with the roll and is added
+# Raven II, modified DH. Row 4 as published has d = -0.47 m, which commutes with the roll and is added
 # to the insertion here; the fixed +-90 deg of row 3 are about the same axis and are added to the roll. A small q3 means
 # a deep instrument.
 INSERTION_OFFSET_M = -0.47

@@ -98,7 +98,7 @@ def interpolate(T_from: SE3, T_to: SE3, share: float = SHARE) -> SE3:
 
 FIELD_SD = np.array([0.04, 0.04, 0.007, 0.1, 0.1, 0.1])
 """SD of the part of a joint's error that changes with position, rad and m: 7 mm at 17 cm, the error of the recorded
-Raven after a rigid fit (``facts/debridement.md``)."""
+Raven after a rigid fit (`data/raven/gripper_pose_pairs.csv`)."""
 CONSTANT, HYSTERESIS, NOISE = 3.0, 0.12, 0.08
 """SD of the other parts as shares of ``FIELD_SD``: the constant (38 mm and 24.5 deg in the recording), the part that
 depends on the path, and a detection's noise (0.5 mm, 0.5 deg: see the stereo benchmark)."""

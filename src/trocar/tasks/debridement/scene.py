@@ -58,10 +58,10 @@ def lay_tissue(T_world_table: SE3, rng: np.random.Generator) -> tuple[Patch, ...
 
 LENGTH_M, WIDTH_M, HEIGHT_M = (0.010, 0.016), (0.008, 0.012), (0.008, 0.012)
 """Smallest and largest extents of a fragment, an irregular piece of foam rubber. The sizes are assumed: jaws that open
-by 22 mm (facts/debridement.md) can take such a piece with a tip that is 5 mm off, and 3.5 % of the paper's grasps
+by 22 mm can take such a piece with a tip that is 5 mm off, and 3.5 % of the paper's grasps
 failed. The paper also allowed errors of 8 mm in height, with which fingers would hardly hold lower pieces."""
 CORNERS = 14  # number of random corners; about ten of them are on the hull
-DENSITY_KG_M3 = (150.0, 270.0)  # range of densities; a fragment then weighs .05 to .2 g (facts/debridement.md)
+DENSITY_KG_M3 = (150.0, 270.0)  # range of densities; a fragment then weighs .05 to .2 g (assumed)
 CLING_SHARE = 0.25  # share of fragments that are charged (assumed: occasional static cling, Kehoe 2014, VI)
 CLING_N = (0.2e-3, 1.5e-3)  # force with which a charged fragment clings to a finger; .1 g weigh 1 mN (assumed)
 GAP_M = 0.5e-3  # minimum gap between fragments

@@ -18,7 +18,7 @@ Event = Mapping[str, Any]
 
 NEAR_M = 0.015
 """A detection belongs to a fragment whose middle is within this distance: fragments are up to 16 mm long, and the
-paper's program merges detections within 15 mm (facts/debridement.md)."""
+paper's program merges detections within 15 mm."""
 SEEN_SHARE = 0.5
 """A fragment counts as visible if both eyes see this share of it; half of it is enough to find its outline."""
 SIGHT_S = 0.6

@@ -17,14 +17,14 @@ class Transfer(NamedTuple):
 
 
 THERE = tuple(Transfer(*pegs) for pegs in ((1, 7), (0, 6), (3, 8), (2, 9), (5, 11), (4, 10)))
-"""The first six transfers (facts/peg_transfer.md); the other six go back."""
+"""The first six transfers, in the order of the paper's program; the other six go back."""
 BACK = tuple(Transfer(target, source) for source, target in THERE)
 
 PAIRS_THERE = (((0, 7), (5, 10)), ((2, 6), (3, 11)), ((1, 8), (4, 9)))
 PAIRS = tuple((Transfer(*left), Transfer(*right)) for left, right in PAIRS_THERE)
 PAIRS += tuple((Transfer(*left[::-1]), Transfer(*right[::-1])) for left, right in PAIRS_THERE)
 """Pairs of transfers that two arms do at once: (left arm's, right arm's). They are the paper's parallel transfers
-[0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10] (facts/peg_transfer.md), paired differently: the left arm always
+[0, 1] -> [7, 8], [2, 3] -> [6, 11], [4, 5] -> [9, 10], paired differently: the left arm always
 has the pegs further left. Neither the two sources nor the two targets are neighbours, so that the arms have room."""
 GOALS = {
     "unilateral": THERE + BACK,

@@ -15,7 +15,7 @@ from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 
 GRASP_ASIDE_M = (-1.0e-3, 1.0e-3)
 """x of the two grasp points on the side at +y, in the block frame; rotated by +-120 deg for the other two sides
-(facts/peg_transfer.md, The board and the blocks)."""
+(from the program of Hwang et al. 2022)."""
 GRASP_FROM_MIDDLE_M = 5.0e-3
 """y of these points: a little outside the middle of the wall, since the inner finger has the peg beside it."""
 DEPTH_M = 4.0e-3

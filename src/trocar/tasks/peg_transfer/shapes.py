@@ -15,7 +15,7 @@ GRID_Y_MM = (-17.5, 0.0, 17.5)
 HEXAGON_MM = ((6.7, -10.9), (6.7, 10.9), (23.7, -25.6), (23.7, 25.6), (40.7, -10.9), (40.7, 10.9))
 """Pegs of the authors' board: a 3 x 2 grid (pitch 28.9 x 17.5) and a hexagon (half-width 17, half-height 25.6).
 
-Derived from the place poses recorded on the robot (facts/peg_transfer.md); the middle of the pegs is at x = 134.2 mm in
+Derived from the place poses recorded on the robot of Hwang et al. 2022; the middle of the pegs is at x = 134.2 mm in
 PSM1's base frame.
 """
 

@@ -22,7 +22,7 @@ PAPER = {
     "arrived_m": 0.006,
     "apart_m": 0.030,
 }
-"""As published, or in the program (facts/debridement.md, What their system did)."""
+"""As published, or in the authors' program."""
 
 
 def test_the_paper_s_method_has_the_numbers_of_the_paper_and_its_program():

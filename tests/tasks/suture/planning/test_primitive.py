@@ -191,7 +191,7 @@ def test_feasibility_is_limits_and_safe_depth():
 
 
 def test_stations_bound_what_lies_between_them():
-    # facts/suture.md: start and end poses bound the angles in between to within 2.2 deg, on the demo
+    # start and end poses bound the angles in between to within 2.2 deg, on the demo
     joints = suture_joints(PRESETS["paper-demo"].setup, THETAS)
     chosen = joints.feasible[..., None]
     dense = np.abs(joints.q[..., 3:]).max(2)

@@ -27,7 +27,7 @@ IN_JAWS_M = 0.025
 """A fragment seen this close to a tip may be in the jaws: fingers end 10 mm beyond it, and fragments stick out."""
 ONE_M = 0.007
 """Two fragments seen this close to each other are parts of one that a finger in front divides; the paper's program
-merges them too (facts/debridement.md)."""
+merges them too."""
 PATIENCE_S = 20.0  # a place where an arm failed is avoided for this long, if there is another one
 
 

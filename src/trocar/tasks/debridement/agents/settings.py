@@ -74,7 +74,7 @@ def slow() -> Settings:
 
 
 def paper() -> Settings:
-    """Return the settings of the paper and of its program (facts/debridement.md, What their system did)."""
+    """Return the settings of the paper and of its authors' program."""
     return Settings(
         estimator="paper", centralised=True, tip_speed_m_s=0.01, descent_speed_m_s=0.01, limits_share=0.75,
         astray_m=1.0, step_m=0.025, reached_m=0.008, reached_high_m=0.008, arrived_m=0.006, close_m=0.015, max_visits=7,

@@ -61,7 +61,7 @@ class Settings:
     teaching_looks: int = 0  # looks at its own wrist before the first transfer; 0: it does not learn its cables
     retries: int = 1  # how often a failed pick is tried again
 
-    # Two arms. They meet 11 mm above the height at which a block is carried (facts/peg_transfer.md: 10 to 13).
+    # Two arms. They meet 11 mm above the height at which a block is carried (the paper's arms: 10 to 13).
     margin_m: float = 4e-3  # kept between two arms, and between what they hold
     min_margin_m: float = 2e-3  # the same for an arm that would otherwise be stuck
     meeting_margin_m: float = 1.3e-3  # kept between two arms that hold one block

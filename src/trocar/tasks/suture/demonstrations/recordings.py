@@ -35,7 +35,7 @@ UNITS = "the units (angles and lengths in its manifest)"
 COLUMNS = 76
 SLAVES = (38, 57)
 """First column of the left slave, then of the right: position m (3), rotation row by row (9), velocity (3), angular
-velocity (3, unreliable), gripper (1); the masters come before (``facts/suture.md``)."""
+velocity (3, unreliable), gripper (1); the masters come before (the JIGSAWS data set)."""
 MIN_SPREAD_M = 0.3e-3
 """A suture's poses spread over more than this; metres read as mm spread over less."""
 SKEWED = 0.2

@@ -390,8 +390,8 @@ def with_clearances(
 def unwound(roll: NDArray[np.float64], middle: float = 0.0, of: slice = slice(None)) -> NDArray[np.float64]:
     """Return roll (..., k) rad without jumps along its last axis, in the winding that stays nearest to the middle.
 
-    The inverse kinematics give the roll only up to whole turns; wrapped to one turn, it jumps at some positions
-    (``facts/suture.md``). The extremes within the slice ``of`` of the last axis decide the winding.
+    The inverse kinematics give the roll only up to whole turns; wrapped to one turn, it jumps at some positions.
+    The extremes within the slice ``of`` of the last axis decide the winding.
     """
     roll = np.unwrap(roll, axis=-1)
     deciding = roll[..., of]

@@ -61,7 +61,7 @@ def by_name(points: NDArray[np.float64]) -> dict[str, dict[str, float]]:
 def gains(points: NDArray[np.float64]) -> dict[str, dict[str, float]]:
     """Return the gain of Table I's best plan over three baselines, as a difference in points and a ratio in percent.
 
-    The paper's "11-57 %" are differences in points (``facts/suture.md``).
+    The paper's "11-57 %" are differences in points.
     """
     best = points[1, 2]
     baselines = {
