@@ -1,4 +1,4 @@
-"""A person beside a cell: watches it, says yes, stops it, takes an arm over, or does the whole task."""
+"""A person supervises a cell: watches it, confirms motions, stops it, takes over an arm, or does the whole task."""
 
 from trocar.console.console import Console
 from trocar.console.watch import Watch

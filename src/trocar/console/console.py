@@ -1,4 +1,4 @@
-"""What a person at the page has asked for, and what follows from it for a cell."""
+"""The console of a cell: carries out what a person at the page asks for."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ from trocar.view.console_view import Level, Said, Standing, Wish
 from trocar.view.live import BAD, GOOD, WAITS
 
 POLL_S = 0.01
-"""While the clock stands, the page is listened to so often."""
+"""Interval at which the page is polled while the clock is paused."""
 STREAMED = (Wish.HOLD, Wish.RELEASE, Wish.SPEED, Wish.PAUSE, Wish.STEP)
-"""What is no event of the trial, as are jaws that a device drives: it may come many times a second."""
+"""Wishes that are not logged as events: they may come many times a second, as may a device's jaw commands."""
 
 
 class Console:
-    """The person's side of one cell: its pace, its supervisor, and who may move its arms.
+    """A person's control of one cell: the pace of its clock, the permission of motions, and who moves its arms.
 
-    In the simulator the clock stands while a motion waits for a yes: a trial of which every motion was confirmed is,
-    byte for byte, that of the script alone. Real time goes on.
+    In the simulator, the clock is paused while a motion waits for confirmation. So a trial in which the person only
+    confirms motions is, byte for byte, the trial of the script alone. On real arms, time goes on.
 
     Args:
-        level: what a script needs a yes for.
-        speed: seconds of the cell's clock a second; 0: no limit.
-        noun: of the task's goals, by which events tell that one has ended.
-        hear: returns what the person has said since the last call; called each tick.
-        show: is called each tick, to show how things stand.
-        paced: whether a simulator's clock waits for it each tick (``wait``); else it listens while it serves.
-        over: returns whether the cell ends, so that its clock may not stand any more.
-        stopped: whether the arms were stopped before it began: nothing moves until they are let go on.
+        level: what a script needs confirmation for.
+        speed: seconds of the cell's clock per second; 0: no limit.
+        noun: noun for the task's goals; an event of this name ends a goal.
+        hear: returns the wishes since the last call; called each tick.
+        show: updates the page; called each tick.
+        paced: whether a simulator's clock waits for the console each tick (``wait``); else ``serve`` polls the page.
+        over: returns whether the cell is ending, so that its clock must not pause any more.
+        stopped: whether the arms were stopped before; then nothing moves until the person lets them go on.
 
     Attributes:
-        cell: below any compensation; None: it has not begun.
-        hands: the arms in the person's hands.
-        latencies_s: from inputs to the set-points that followed them.
-        stopped: whether the arms were stopped, and not let go on.
+        cell: below any compensation; None before ``supervise``.
+        hands: the arms that the person moves.
+        latencies_s: time from each input to the set-point that followed it.
+        stopped: whether the arms are stopped.
         ended: why the person ended the trial; empty if nobody did.
     """
 
@@ -79,7 +79,7 @@ class Console:
         self._steps, self._due_s = 0, math.nan
 
     def supervise(self, cell: Cell) -> Supervised:
-        """Return the robot of a cell with the person beside it; only its guard may have wrapped it already."""
+        """Return a cell's robot under the person's supervision; only its guard may have wrapped it already."""
         self._robot = Supervised(cell.robot, self)
         self.cell = cell
         return self._robot
@@ -90,13 +90,13 @@ class Console:
             raise InvalidInput("the console", "is at no cell yet", "call supervise() first")
         return self.cell
 
-    # a pace of the simulator
+    # implements trocar.sim.pace.Pace
 
     async def wait(self, now_s: float) -> None:
-        """Return when the next tick may begin: at the chosen speed, and not while the clock stands."""
+        """Return when the next tick may begin: at the chosen speed, and not while the clock is paused."""
         while True:
             if self._listen():
-                await wait_all_tasks_blocked()  # what the answer lets start is part of this tick
+                await wait_all_tasks_blocked()  # what the answer lets start begins in this tick
             self._show()
             if not self._stands:
                 break
@@ -111,14 +111,14 @@ class Console:
 
     @property
     def asks(self) -> bool:
-        """Return whether a motion waits for a yes, and nothing else is in its way."""
+        """Return whether a motion waits for confirmation, and for nothing else."""
         return self._question is not None and not (self.stopped or self._taken)
 
     @property
     def _stands(self) -> bool:
         return not self.ended and not self._steps and (self._paused or self.asks) and not self._over()
 
-    # a supervisor of the robot
+    # implements trocar.robots.supervised.Supervisor
 
     async def permit(self, motions: Mapping[str, Trajectory]) -> None:
         """Return once these motions may start."""
@@ -135,7 +135,7 @@ class Console:
             self._asked += 1
             try:
                 await question.answered.wait()
-            finally:  # a script that is cancelled asks no more; else the clock would stand for ever
+            finally:  # a cancelled script withdraws its question; else the clock would stay paused
                 self._answer(question)
             if not any(self.forbids(arm) for arm in motions):
                 return
@@ -156,7 +156,7 @@ class Console:
     # a script beside the agent
 
     async def serve(self, cell: Cell) -> None:
-        """Do what the person asks for, beside the agent, for ever.
+        """Carry out what the person asks for, beside the agent, until cancelled.
 
         Raises:
             EmergencyStop: the person ended the trial.
@@ -176,7 +176,7 @@ class Console:
                     await self._changed.wait()
 
     async def _lend(self, arm: str) -> None:
-        """Let the person move an arm; afterwards bring it back to where the script left it, the way that it came."""
+        """Let the person move an arm, then return it along the same path to where the script left it."""
         cell, robot = self._own_cell, self._robot
         assert robot is not None  # since `supervise`
         cell.robot.hold(arm, reason=StoppedByPerson(arm))
@@ -199,7 +199,7 @@ class Console:
         self._change()
 
     async def _brought_back(self, cell: Cell, hand: Hand) -> bool:
-        """Let the person move the arm until it is returned; return whether it came all the way back."""
+        """Let the person move the arm until they return it; return whether it came all the way back."""
         with self._scopes[hand.arm]:
             await hand.follow()
         hand.release()
@@ -218,10 +218,10 @@ class Console:
         return result[hand.arm].done
 
     async def work(self, cell: Cell, arms: Iterable[str]) -> None:
-        """Let the person do the whole task with these arms, until it is said to be done.
+        """Let the person do the whole task with these arms, until they say that it is done.
 
         Args:
-            cell: as an agent has it, compensated or not.
+            cell: the agent's, compensated or not.
             arms: names.
         """
         self._works = True
@@ -236,14 +236,14 @@ class Console:
             self.latencies_s += [one for hand in self.hands.values() for one in hand.latencies_s]
             self.hands, self._works = {}, False
 
-    # what the person says
+    # what the person asks for
 
     def note(self, event: Mapping[str, object]) -> None:
         """Note an event of the cell's log."""
         self._goal_begins |= event["name"] == self._noun
 
     def _listen(self) -> bool:
-        """Take in what was said; return whether anything was."""
+        """Process the new wishes; return whether there were any."""
         said = list(self._hear())
         for one in said:
             self._take_in(one)
@@ -261,7 +261,7 @@ class Console:
                 self.stopped = False
             case Wish.EMERGENCY:
                 self._stop(said.value or "a person pressed the emergency stop")
-            case Wish.LEFT if self.needed:  # nobody holds an arm any more, and what waits for somebody stops
+            case Wish.LEFT if self.needed:  # nobody is left to hold an arm or to confirm a motion
                 self._stop("")
             case Wish.TAKE if not self._works:
                 self._taken.add(said.arm)
@@ -293,7 +293,7 @@ class Console:
         self._change()
 
     def _stop(self, why_ended: str) -> None:
-        """Brake all arms; a reason ends the trial."""
+        """Brake all arms; if a reason is given, end the trial too."""
         self.stopped, self.ended = True, why_ended or self.ended
         for hand in self.hands.values():
             hand.stop()
@@ -303,7 +303,7 @@ class Console:
 
     @property
     def needed(self) -> bool:
-        """Return whether something waits for the person."""
+        """Return whether the trial depends on the person."""
         return self._works or self.level is not Level.AUTONOMOUS or bool(self._taken)
 
     def _answer(self, question: Question | None) -> None:
@@ -315,11 +315,11 @@ class Console:
         changed, self._changed = self._changed, trio.Event()
         changed.set()
 
-    # how things stand
+    # state, for the page and for devices
 
     @property
     def standing(self) -> Standing:
-        """Return how things stand, for the page."""
+        """Return the console's state for the page."""
         hands: dict[str, Any] = {}
         for arm, hand in self.hands.items():
             tip = hand.tip
@@ -343,7 +343,7 @@ class Console:
 
     @property
     def state(self) -> Mapping[str, Any]:
-        """Return how things stand, for a device: JSON values."""
+        """Return time, arms and the console's state in words, for a device, as JSON values."""
         cell, arms = self.cell, dict[str, Any]()
         if cell is None:
             return {"time_s": 0.0, "arms": arms, "words": "it has not begun"}

@@ -1,4 +1,4 @@
-"""An arm in a person's hand: clutched, scaled, and moved through the same checks as any script's."""
+"""Teleoperation of one arm: clutched, scaled, and under the same checks as a script's motions."""
 
 from __future__ import annotations
 
@@ -18,38 +18,37 @@ from trocar.trajectory import Trajectory
 from trocar.view.console_view import Held
 
 RATE_HZ = 50.0
-"""Set-points a second."""
+"""Set-points per second."""
 DWELL_S = 0.2
-"""Jaws close at once, and open only once that was wanted for so long: what is held is not lost by a slip."""
+"""Jaws close at once, but open only after the input has asked for it this long, so that a slip drops nothing."""
 SILENT_S = 0.3
-"""An input that must speak, and has not for so long, is not held any more."""
+"""A device that has not reported for this long counts as released."""
 CLOSED_RAD = -0.17
-"""Target of jaws that close, which lets the drive press: the scripts' own (peg transfer, sutures)."""
+"""Target of closing jaws: beyond closed, so that the drive presses; as in the scripts (peg transfer, sutures)."""
 
 
 class Hand:
     """One arm of a cell, moved by a person.
 
-    While the input is held, the tip moves as the input does, from where both were when it was clutched: neither
-    holding it nor letting it go moves anything. Where the wrist cannot turn any further, the tip still follows in
-    place.
+    While the input is held, the tip follows the input's motion since the clutch was engaged, so engaging or releasing
+    the clutch moves nothing. Where the wrist cannot turn any further, the tip still follows in position.
 
     Args:
         cell: the cell.
         arm: name.
-        jaw_rad: to which opening the jaws were driven last; None: as they are.
+        jaw_rad: last commanded opening of the jaws; None: the measured one.
 
     Attributes:
-        latencies_s: from each input to the set-point that follows it, on the machine's clock.
-        refused: why the arm does not follow, or come back, in a sentence; empty: it does.
-        path_q: the joints where the arm was, since it was taken.
+        latencies_s: time from each input to the set-point that follows it, on the machine's clock.
+        refused: why the arm does not follow or return, in a sentence; empty if it does.
+        path_q: joints (6,) along the arm's path since it was taken over.
     """
 
     def __init__(self, cell: Cell, arm: str, jaw_rad: float | None = None):
         self._cell, self.arm = cell, arm
         self._control: Control | None = None
         self._began: tuple[Held, SE3] | None = None
-        self._input: tuple[Held, float, str] | None = None  # where it is, when it said so, who
+        self._input: tuple[Held, float, str] | None = None  # pose, time, source
         self._new = False
         jaw = cell.arms[arm].jaw
         self._closed_rad, self._wide_rad = max(jaw.lower, CLOSED_RAD), jaw.upper
@@ -62,7 +61,7 @@ class Hand:
 
     @property
     def tip(self) -> SE3:
-        """Return where the tip is commanded now, in the world, by the registered base."""
+        """Return the commanded pose of the tip in the world, by the registered base."""
         q = self._cell.robot.setpoint(self.arm).q
         return self._cell.T_world_base_registered[self.arm] @ fk(self._cell.arms[self.arm], q)
 
@@ -72,13 +71,13 @@ class Hand:
         return self._input is not None
 
     def hold(self, held: Held, at_s: float, source: str = "") -> None:
-        """Note where the input is; while one is held, others are not heard.
+        """Note the pose of an input; ignored while another input is held.
 
         Args:
-            held: where.
-            at_s: when it was there, on the machine's monotonic clock.
-            source: whose it is: a device must tell so for as long as it is held, and its silence means that it was let
-                go; the page, which has no name, tells its changes alone.
+            held: the pose.
+            at_s: when the input was there, on the machine's monotonic clock.
+            source: name of a device, which must report for as long as it is held, and counts as released when it falls
+                silent; empty for the page, which reports only changes.
         """
         if self._input is not None and self._input[2] != source:
             return
@@ -88,27 +87,27 @@ class Hand:
         self._input, self._new = (held, at_s, source), True
 
     def release(self, source: str | None = None) -> None:
-        """Note that this input, or any, was let go."""
+        """Note that this input (None: any) was released."""
         if self._input is not None and source in (None, self._input[2]):
             self._began = self._input = self._control = None
 
     def stop(self) -> None:
-        """Note that the arm was stopped: the input is let go, and jaws that were to open stay as they are."""
+        """Note that the arm was stopped: release the input, and drop jaw commands that were not sent yet."""
         self.release()
         self._jaw_rad = self._sent_rad
 
     def open_jaws(self, share: float) -> None:
-        """Have the jaws open to a share of their range; 0: they close and press."""
+        """Open the jaws to a share of their range; 0: close and press."""
         wanted = self._closed_rad if share <= 0 else min(share, 1.0) * self._wide_rad
-        if min(wanted, self._jaw_rad) <= self._sent_rad:  # else they were to open already: an input may tremble
+        if min(wanted, self._jaw_rad) <= self._sent_rad:  # tremor must not restart the dwell
             self._jaw_since_s = self._cell.clock.now_s()
         self._jaw_rad = wanted
 
     def way_back(self) -> Trajectory:
-        """Return the motion back to where the arm was when it was taken, along the way that it came.
+        """Return the motion along the same path back to where the arm was taken over.
 
         Raises:
-            AlreadyThere: it is there.
+            AlreadyThere: the arm is there.
         """
         q = self._cell.robot.setpoint(self.arm).q
         self.path_q.append(q)
@@ -117,13 +116,13 @@ class Hand:
         return retraced(np.array(self.path_q))
 
     def forget_way_back(self) -> None:
-        """Note that the arm was stopped on its way back: what it has gone back of its path is not gone again."""
+        """Drop the part of the path that the arm had retraced when it was stopped on its way back."""
         q = self._cell.robot.setpoint(self.arm).q
         nearest = int(np.argmin([np.abs(before - q).max() for before in self.path_q[:-1]]))
         self.path_q = [*self.path_q[: max(nearest, 1)], q]
 
     async def follow(self) -> None:
-        """Move the arm as the person wants, until this is cancelled."""
+        """Move the arm as the person's input does, until cancelled."""
         async with trio.open_nursery() as nursery:
             while True:
                 self._step(nursery)
@@ -135,7 +134,7 @@ class Hand:
         now_s = self._cell.clock.now_s()
         if self._jaw_rad != self._sent_rad and (self._jaw_rad < self._sent_rad or now_s - self._jaw_since_s >= DWELL_S):
             self._sent_rad = self._jaw_rad
-            if not self.held:  # else the next action says so
+            if not self.held:  # else the next action includes the jaws
                 nursery.start_soon(self._cell.robot.jaw, self.arm, self._jaw_rad)
         q = self._cell.robot.setpoint(self.arm).q
         if apart(q, self.path_q[-1]):
@@ -155,7 +154,7 @@ class Hand:
             self.latencies_s.append(time.monotonic() - self._input[1])
 
     def _within_reach(self, goal: SE3) -> tuple[SE3, str]:
-        """Return a goal that turns no further than now if the arm cannot reach it as it is, and then why."""
+        """Return the goal; if it is out of reach, with the tip's present orientation, and why."""
         model, q = self._cell.arms[self.arm], self._cell.robot.setpoint(self.arm).q
         try:
             ik(model, self._cell.T_world_base_registered[self.arm].inverse() @ goal, q)
@@ -165,7 +164,7 @@ class Hand:
 
     @staticmethod
     def _goal(now: Held, then: Held, T_tip: SE3) -> SE3:
-        """Return where the tip should be, which was at ``T_tip`` when the input was clutched."""
+        """Return the goal of a tip that was at ``T_tip`` when the clutch was engaged."""
         moved = now.scale * (np.asarray(now.position_m) - then.position_m)
         before, after = (SO3.from_quaternion(np.asarray(held.wxyz)) for held in (then, now))
         turned = after @ before.inverse() if now.turns else SO3.exp(np.zeros(3))

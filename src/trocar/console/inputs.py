@@ -1,4 +1,4 @@
-"""Hands over a socket: any device or program moves arms at a console, by JSON lines over TCP on this machine."""
+"""Input devices: any device or program moves a console's arms by JSON lines over TCP on this machine."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ LOCAL = "127.0.0.1"
 WISHES = {
     wish.name.lower(): wish for wish in (Wish.TAKE, Wish.RETURN, Wish.STOP, Wish.GO_ON, Wish.EMERGENCY, Wish.DONE)
 }
-"""What a line may ask for by name."""
+"""Wishes that a line may ask for by name."""
 OF_ARM = ("take", "return")
 MAX_SCALE, MAX_NUMBER = 10.0, 1e6
 HTTP = re.compile(rb"[A-Z]+ \S+ HTTP/")
 
 
 class Inputs:
-    """A server that any program on this machine may speak to; a context manager.
+    """A server for input devices and other programs on this machine; a context manager.
 
-    A line is a JSON object. ``arm`` names an arm; ``held``: whether the device moves it now; then ``position`` (3
-    numbers, m) and ``quaternion`` (x, y, z, w; without one the orientation is locked) are the device's pose in axes of
-    the world, of which only the changes count since it was held; ``scale`` of its displacements, else 1; ``jaw``: 0
-    closes the jaws, up to 1 opens them. ``wish``: one of ``WISHES``. While it is held, a line must come every .3 s, or
-    the arm is let go; so it is when the connection ends. Each line is answered by one: ``time_s``, ``arms`` (position,
-    quaternion, jaw in rad, held), ``words``; or ``error``, a sentence.
+    A line is a JSON object. ``arm`` names an arm. ``held`` is whether the device moves the arm now. If so, ``position``
+    (3 numbers, m) and ``quaternion`` (x, y, z, w; without it the orientation is locked) are the device's pose along the
+    world's axes, of which only changes since the arm was first held count; ``scale`` multiplies displacements (default
+    1). ``jaw`` runs from 0 (close) to 1 (open). ``wish`` is one of ``WISHES``. While an arm is held, a line must come
+    every 0.3 s; otherwise, or if the connection ends, the arm is released. Each line is answered by ``time_s``,
+    ``arms`` (position, quaternion, jaw in rad, held) and ``words``, or by ``error``, a sentence.
 
     Args:
         port: of the server; 0: any free one.
-        state: returns what is answered.
+        state: returns the answer.
 
     Raises:
-        InvalidValue: the port cannot be had.
+        InvalidValue: the port is not available.
 
     Attributes:
         port: of the server.
@@ -64,7 +64,7 @@ class Inputs:
         self._server.server_close()
 
     def said(self) -> list[Said]:
-        """Return what came since this was called last."""
+        """Return the wishes since the last call."""
         return [self._said.get() for _ in range(self._said.qsize())]
 
 
@@ -82,11 +82,11 @@ class _Device(socketserver.StreamRequestHandler):
     server: _Server  # type: ignore[reportIncompatibleVariableOverride]
 
     def handle(self) -> None:
-        """Pass on lines until the device leaves; then let go of what it held."""
+        """Pass on lines until the device disconnects; then release the arms that it held."""
         source, held = f"{self.client_address}", set[str]()
         try:
             for line in self.rfile:
-                if HTTP.match(line):  # a browser, in which any website may have asked for it
+                if HTTP.match(line):  # a browser: any website may have sent the request
                     return
                 try:
                     answer: Mapping[str, Any] = self.server.state()
@@ -97,17 +97,17 @@ class _Device(socketserver.StreamRequestHandler):
                     answer = {"error": str(error)}
                 self.wfile.write(json.dumps(answer).encode() + b"\n")
         except OSError:
-            pass  # it is gone
+            pass  # the device has gone
         finally:
             for arm in held:
                 self.server.said.put(Said(Wish.RELEASE, arm, source=source))
 
 
 def wishes_of(line: bytes, source: str, arms: Mapping[str, Any]) -> list[Said]:
-    """Return what a line asks for.
+    """Return the wishes in a line.
 
     Raises:
-        InvalidInput: it is not such an object.
+        InvalidInput: the line is not an object as ``Inputs`` describes it.
     """
     now_s = time.monotonic()
     try:

@@ -6,14 +6,14 @@ from trocar.errors import InvalidInput
 from trocar.eval.method import AgentContext, Method
 
 SEAT = "person"
-"""What a console is among a cell's assistants."""
+"""Key of the console in ``Cell.assistants``."""
 
 
 class Person:
-    """Lets the person at the console do the task, with all arms that work, until it is said to be done.
+    """Lets the person at the console do the task with all working arms, until they say that it is done.
 
     Raises:
-        InvalidInput: nobody is at a console.
+        InvalidInput: the cell has no console.
     """
 
     def __init__(self, context: AgentContext):

@@ -1,4 +1,4 @@
-"""Motions that wait for a person's yes, in words and as paths."""
+"""Motions that wait for a person's confirmation, in words and as paths."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from trocar.trajectory import Trajectory
 from trocar.view.console_view import Ghost
 
 PATH_STEP_S = 0.02
-"""Between two points of a path that is shown."""
+"""Time between two points of a displayed path."""
 
 
 @dataclass(eq=False)
 class Question:
-    """What waits for a yes.
+    """Motions that wait for confirmation.
 
     Attributes:
-        words: what is said about it.
+        words: description for the person.
         ghosts: the motions, by arm.
-        answered: set once the answer is there, or nobody waits for it any more.
+        answered: set once the person has answered, or the script waits no more.
     """
 
     words: str
@@ -36,7 +36,7 @@ class Question:
 
     @classmethod
     def about(cls, cell: Cell, motions: Mapping[str, Trajectory]) -> Question:
-        """Return the question about motions that are to start now, each from where its arm is."""
+        """Return the question about motions that would start now, each from where its arm is."""
         told, ghosts = list[str](), dict[str, Ghost]()
         for arm, motion in motions.items():
             model, T_world_base, q = cell.arms[arm], cell.T_world_base_registered[arm], motion.sample(PATH_STEP_S)[1]
@@ -50,7 +50,7 @@ class Question:
 
 
 def _apart(cell: Cell, motions: Mapping[str, Trajectory]) -> list[str]:
-    """Return how far arms stay apart on the way, in a sentence, if that is known: if none of the others moves."""
+    """Return a sentence on the smallest distance between arms; none if other arms move, as it is then unknown."""
     others = [arm for arm in cell.arms if arm not in motions]
     if len(cell.arms) < 2 or any(cell.robot.setpoint(arm).moving for arm in others):
         return []

@@ -1,4 +1,4 @@
-"""The page of a run: it stays open from trial to trial, and its person is beside each of them."""
+"""The live page of a run: it stays open from trial to trial, so that a person can attend each of them."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ from trocar.view.live import Picture
 from trocar.view.live_page import LivePage
 
 EVERY_S = 0.03
-"""Time between two moments, of the wall clock: three ticks at its own pace."""
+"""Wall-clock time between two moments: three ticks in real time."""
 OF_ANY_TRIAL = (Wish.STOP, Wish.GO_ON, Wish.EMERGENCY, Wish.LEFT, Wish.LEVEL, Wish.SPEED, Wish.PAUSE)
-"""What counts if it is said between two trials; the rest was meant for the one that has ended."""
+"""Wishes that count even between two trials; all others were meant for the trial that has ended."""
 IMAGE_PX = 480
-"""Width of an image on the page, or less."""
+"""Maximum width of an image on the page."""
 
 
 class Watch:
-    """A page beside a run: an attendant of its trials, and a context manager, with which the page ends.
+    """A live page with a console for each trial of a run; a context manager that closes the page.
 
     Args:
-        level: what a script needs a yes for.
-        speed: seconds of the cell's clock a second; 0: no limit.
-        port: as ``LiveView`` takes it; None: no page.
-        inputs: port on which devices may move arms (``Inputs``); None: none may.
-        told: is told the page's address, and that of the devices, once they are open.
+        level: what a script needs confirmation for.
+        speed: seconds of the cell's clock per second; 0: no limit.
+        port: as in ``LiveView``; None: no page.
+        inputs: port for devices that move arms (``Inputs``); None: no devices.
+        told: called with the page's address, and with that for devices, once they are open.
 
     Attributes:
-        console: of the trial that runs, or ran last.
-        latencies_s: from a hand to the set-point, of all trials.
+        console: of the present or last trial.
+        latencies_s: times from input to set-point, of all trials.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Watch:
 
     @property
     def address(self) -> str:
-        """Return where a browser finds the page; empty before the first trial."""
+        """Return the address of the page; empty before the first trial."""
         return "" if self._page is None else f"http://127.0.0.1:{self._page.port}"
 
     @property
@@ -87,12 +87,12 @@ class Watch:
         return self.console.ended
 
     def attend(self, config: RunConfig, laboratory: SimLaboratory | HardwareLaboratory) -> None:
-        """Come to the laboratory of a trial; open the page if this is the first.
+        """Join the laboratory of a trial; open the page if this is the first trial.
 
-        Arms that were stopped in the trial before stay stopped.
+        Arms that were stopped in the previous trial stay stopped.
 
         Raises:
-            EmergencyStop: the person ended the trial before.
+            EmergencyStop: the person ended the previous trial.
         """
         if self.ended:
             raise EmergencyStop(f"{self.ended}: the run ends here; the same command continues")
@@ -133,16 +133,16 @@ class Watch:
         await self.console.wait(now_s)
 
     async def serve(self, cell: Cell) -> None:
-        """Do what the person asks for."""
+        """Carry out what the person asks for."""
         await self.console.serve(cell)
 
     def heard(self, event: Mapping[str, object]) -> None:
-        """Hear an event of the log."""
+        """Note an event of the log."""
         self.console.note(event)
 
     @property
     def asks(self) -> bool:
-        """Return whether a motion waits for a yes."""
+        """Return whether a motion waits for confirmation."""
         return self.console.asks
 
     def _hear(self) -> list[Said]:
@@ -177,7 +177,7 @@ class Watch:
 
 
 def picture(camera: str, found: Sighting) -> Picture:
-    """Return an image, the left one of a pair, as the page shows it, with what perception found in it."""
+    """Return an image (of a stereo pair, the left one) for the page, with what perception found in it."""
     image = found.image
     color, lens = (image.color, image.intrinsics) if isinstance(image, RgbdImage) else (image.left, image.rig.left)
     thin = -(-color.shape[1] // IMAGE_PX)

@@ -33,7 +33,7 @@ class CameraPanel:
         self.show(0)
 
     def show(self, tick: int) -> None:
-        """Show the last image that was taken until a tick."""
+        """Show the last image taken up to a tick."""
         last = last_until(self._taken_s, self._times_s[tick])
         if last == self._shown:
             return
@@ -63,13 +63,13 @@ FOUND: Rgb = (255, 225, 40)
 HALO: Rgb = (20, 20, 20)
 SMALL = ImageFont.load_default(size=12)
 SMALL_PX = (480, 360)
-"""An image is enlarged to whole multiples of its width and height that are no larger."""
+"""Images are enlarged by the largest whole factor that keeps them within this size."""
 
 
 def with_outlines(color: NDArray[np.uint8], outlines_px: Mapping[str, NDArray[np.float64]]) -> NDArray[np.uint8]:
-    """Return an image (h, w, 3), enlarged if it is small, with closed lines (n, 2) of its pixels beside their names.
+    """Return an image (h, w, 3), enlarged if it is small, with closed outlines (n, 2) in its pixels and their names.
 
-    A line with an unknown place is left out.
+    Outlines with unknown points (nan) are left out.
     """
     height, width = color.shape[:2]
     times = max(1, min(SMALL_PX[0] // width, SMALL_PX[1] // height))

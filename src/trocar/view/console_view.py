@@ -1,4 +1,4 @@
-"""A live page with controls: what a person may ask of a cell, and what the page shows of the answer."""
+"""A live page with controls: what a person can ask of a cell, and the console's state."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from trocar.view.stage import BOLD_PX, Rgb, add_line, css
 
 GHOST: Rgb = (255, 140, 0)
 CLEAR = 0.35
-"""Opacity of an instrument where a motion would bring it."""
+"""Opacity of the instrument at the end of a motion that waits for confirmation."""
 HANDLE_M = 0.018
 """Length of the axes of a handle."""
 CONTROLS = 0.5
 """Place of the controls in the panel, above clock and arms."""
 SPEEDS = {**trial_view.SPEEDS, "as fast as it can": 0.0}
-"""Seconds of the cell's clock a second; 0: no limit."""
+"""Seconds of the cell's clock per second; 0: no limit."""
 
 
 JAWS: Mapping[str, float] = {"close": 0.0, "a third": 1 / 3, "open": 1.0}
@@ -37,7 +37,7 @@ STEP_S = 0.1
 
 
 class Level(Enum):
-    """What a script needs a yes for."""
+    """What a script needs confirmation for."""
 
     AUTONOMOUS = "nothing"
     GOALS = "each goal"
@@ -45,7 +45,7 @@ class Level(Enum):
 
 
 class Wish(Enum):
-    """What a person asks for."""
+    """What a person can ask for."""
 
     YES = "the motion that is asked about may start"
     STOP = "all arms brake, and stay"
@@ -65,12 +65,12 @@ class Wish(Enum):
 
 
 class Held(NamedTuple):
-    """Where an input is that a person holds.
+    """Pose of an input that a person holds.
 
     Attributes:
-        position_m: (3,) in axes of the world.
-        wxyz: (4,) its orientation.
-        scale: metres of the tip a metre of the input: below 1, a hand's tremor shrinks with its motion.
+        position_m: (3,) along the world's axes.
+        wxyz: (4,) orientation.
+        scale: metres of the tip per metre of the input; below 1, tremor is scaled down too.
         turns: whether the tip turns with the input; else its orientation is locked.
     """
 
@@ -86,10 +86,10 @@ class Said:
 
     Attributes:
         wish: which.
-        arm: of which arm, where it concerns one.
-        value: what the wish names.
-        at_s: monotonic clock of the machine when it was said.
-        source: who said it: empty for the page, or a device, which must speak for as long as it holds an arm.
+        arm: the arm that it concerns, if any.
+        value: its value, if it has one.
+        at_s: when it was made, on the machine's monotonic clock.
+        source: name of the device, which must report for as long as it holds an arm; empty for the page.
     """
 
     wish: Wish
@@ -100,10 +100,10 @@ class Said:
 
 
 class Ghost(NamedTuple):
-    """A motion that waits for a yes.
+    """A motion that waits for confirmation.
 
     Attributes:
-        arm: whose it is.
+        arm: model of the arm that moves.
         T_world_base: registered pose of that arm's base.
         path_m: (n, 3) path of its tip in the world.
         q: (6,) joints at its end.
@@ -119,20 +119,20 @@ class Ghost(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """How things stand at the console.
+    """The state of a console.
 
     Attributes:
-        words: in a sentence.
-        colour: of it.
-        asks: whether a motion waits for a yes.
-        question: number of that motion among all that were asked about; a yes names it.
-        stopped: whether the arms were stopped.
-        level: what a script needs a yes for.
-        speed: of the clock; None: it is no simulator's.
+        words: the state in a sentence.
+        colour: of the sentence.
+        asks: whether a motion waits for confirmation.
+        question: number of the question about it; the page's yes names it.
+        stopped: whether the arms are stopped.
+        level: what a script needs confirmation for.
+        speed: of the simulator's clock; None on real arms.
         works: whether the person does the whole task, rather than a script.
-        ghosts: motions that wait for a yes, by arm.
-        hands: arms in the person's hands: position (3,) in m and quaternion w, x, y, z of the tip, or None while it
-            follows the person's handle.
+        ghosts: motions that wait for confirmation, by arm.
+        hands: arms that the person moves: position (3,) in m and quaternion w, x, y, z of the tip, or None while the
+            tip follows an input.
     """
 
     words: str
@@ -149,13 +149,13 @@ class Standing:
 
 @dataclass(frozen=True, eq=False)
 class ConsoleMoment(Moment):
-    """A cell at one time, with the console.
+    """The state of a cell and its console at one time.
 
     Attributes:
-        standing: how things stand.
+        standing: the console's state.
         images: new ones.
-        scene: of the cell from now on, in place of the one before; None: the same.
-        flaws: of the cell, in words, by what they are of.
+        scene: new scene of the cell; None: unchanged.
+        flaws: sizes of the cell's flaws in words, by name.
     """
 
     standing: Standing = field(default_factory=lambda: Standing(""))
@@ -167,17 +167,17 @@ class ConsoleMoment(Moment):
 class ConsoleView(LiveView):
     """A live page with controls.
 
-    Of several browsers that have it open, the one that opened it first holds the controls.
+    If several browsers have it open, the one that opened it first has the controls.
 
     Args:
         scene: of the cell.
         title: of the page.
         moment: the first one.
-        port: as ``LiveView`` takes it.
-        say: is told each wish, from the server's threads.
+        port: as in ``LiveView``.
+        say: called with each wish, from the server's threads.
 
     Attributes:
-        pulse: of the page that holds the controls; one that does not answer any more counts as gone.
+        pulse: watches the page that has the controls; if it stops answering, it counts as gone.
     """
 
     def __init__(self, scene: Scene, title: str, moment: ConsoleMoment, port: int, say: Callable[[Said], None]):
@@ -198,7 +198,7 @@ class ConsoleView(LiveView):
         super().close()
 
     def show(self, moment: Moment) -> None:
-        """Show the next moment, with the console's standing."""
+        """Show the next moment, with the console's state."""
         assert isinstance(moment, ConsoleMoment)
         if moment.scene is not None:
             self.begin(moment.scene)
@@ -234,7 +234,7 @@ class ConsoleView(LiveView):
             self._flaws = gui.add_html("")
 
     def _add_button(self, label: str, key: Any, wish: Wish, **how: Any) -> Any:
-        """Add a button that a key presses, too; a yes is to the motion that the page shows, and to no later one."""
+        """Add a button with a hotkey; a yes confirms only the motion that the page shows, not a later one."""
 
         def press(event: Any) -> None:
             self._wish(event, wish, self._question if wish is Wish.YES else None)
@@ -256,7 +256,7 @@ class ConsoleView(LiveView):
         return take, back, jaws
 
     def _wish(self, event: Any, wish: Wish, value: Any = None, arm: str = "") -> None:
-        """Pass on what the browser that holds the controls wants; values that this program sets are no wishes."""
+        """Pass on a wish of the browser that has the controls; ignore values that this program sets."""
         if event.client is None:
             return
         if event.client.client_id != self._holder:
@@ -269,6 +269,7 @@ class ConsoleView(LiveView):
         return min(self.server.get_clients(), default=-1)
 
     def _left(self, client: Any) -> None:
+        """Report that the page with the controls (the lowest id) has gone, unless its silence was reported already."""
         held = client.client_id < min(self.server.get_clients(), default=client.client_id + 1)
         if held and client is not self.pulse.silent:
             self._say(Said(Wish.LEFT))
@@ -291,7 +292,7 @@ class ConsoleView(LiveView):
             self._show_ghost(arm, now.ghosts.get(arm))
 
     def _show_handle(self, arm: str, now: Standing) -> None:
-        """Put the handle of an arm to its tip, unless the person holds it; remove that of an arm that was returned."""
+        """Move an arm's handle to its tip unless the tip follows an input; remove it once the arm is returned."""
         handle = self._handles.get(arm)
         if arm not in now.hands:
             if handle is not None:
@@ -314,7 +315,7 @@ class ConsoleView(LiveView):
             self._wish(event, Wish.HOLD, Held(np.array(handle.position), np.array(handle.wxyz)), arm)
 
     def _show_ghost(self, arm: str, ghost: Ghost | None) -> None:
-        """Draw the path of a motion, and the instrument at its end; remove those of an earlier one."""
+        """Draw a motion's path and the instrument at its end; remove those of an earlier motion."""
         shown = self._ghosts.get(arm)
         if shown is not None and ghost is not None and np.array_equal(shown[0].path_m, ghost.path_m):
             return

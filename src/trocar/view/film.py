@@ -1,4 +1,4 @@
-"""The frames of a replay that are drawn, and the bodies that have moved at each of them."""
+"""The frames of a replay that are drawn, and the bodies that have moved at each frame."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class Film:
     moved: NDArray[np.bool_]
 
     def frame_at(self, time_s: float) -> int:
-        """Return the last frame that is not after a time; before the first one, the first."""
+        """Return the index of the last frame up to a time; 0 before the first frame."""
         return max(0, last_until(self.times_s, time_s))
 
 
 def last_until(times_s: NDArray[np.float64], time_s: float) -> int:
-    """Return the index of the last of these times that is not after a time; -1: all are."""
+    """Return the index of the last of these times up to a time; -1 if all are later."""
     return int(np.searchsorted(times_s, time_s + 1e-9, side="right")) - 1
 
 
@@ -81,7 +81,7 @@ def shoot(replay: Replay, rates_hz: Sequence[float] = FRAME_RATES, max_poses: in
 
 
 def _check(replay: Replay) -> None:
-    """Raise a sentence unless times and poses match."""
+    """Raise an error unless times and poses match."""
     n = len(replay.times_s)
     if n == 0:
         raise InvalidInput("a replay without times", "cannot be shown", "give at least one tick")
@@ -100,7 +100,7 @@ def _check(replay: Replay) -> None:
 
 
 def _ticks(times_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.intp]:
-    """Return the ticks nearest to a clock of this rate, each once, and the last one."""
+    """Return the ticks nearest to frames at this rate, each once, and the last tick."""
     wanted = np.arange(times_s[0], times_s[-1], 1 / rate_hz)
     after = np.clip(np.searchsorted(times_s, wanted), 1, max(1, len(times_s) - 1))
     before_is_nearer = wanted - times_s[after - 1] <= times_s[np.minimum(after, len(times_s) - 1)] - wanted
@@ -108,9 +108,9 @@ def _ticks(times_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.intp]:
 
 
 def _moved(position_m: NDArray[np.float64], wxyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether each body's pose (m, k) has to be updated: at each full unit of its path since the first frame.
+    """Return whether each body's pose (m, k) must be updated: at each full unit of its path since the first frame.
 
-    A unit is ``STILL_M`` or ``STILL_RAD``, so in between it stays within one unit of where it was drawn.
+    A unit is ``STILL_M`` or ``STILL_RAD``. Between updates, a body stays within one unit of where it is drawn.
     """
     way = np.linalg.norm(np.diff(position_m, axis=1), axis=-1) / STILL_M
     turn = 2 * np.linalg.norm(np.diff(wxyz, axis=1), axis=-1) / STILL_RAD  # |dq| is half a small angle

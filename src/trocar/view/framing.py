@@ -1,4 +1,4 @@
-"""Where browsers look from: first, and as the shape of each one's window asks for."""
+"""Each browser's viewpoint: the initial one, then one that fits the shape of its window."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from viser import CameraHandle, ClientHandle, ViserServer
 
 PHONE_PX, SHEET = 576, 1.15
-"""In a window so narrow, viser's panel lies over the scene's lower part: this share of half its height."""
+"""In a window of at most this width, viser's panel covers the scene's lower part: this share of half its height."""
 TRIES, NEAR_M = 5, 1e-4
-"""A browser is told so often where to look from, until it says that it is there: it may take the initial view later."""
+"""A viewpoint is sent up to this many times, until the browser's is this near: it may apply the initial one late."""
 
 
 def look_from(server: ViserServer, view: Viewpoint) -> None:
@@ -28,7 +28,7 @@ def look_from(server: ViserServer, view: Viewpoint) -> None:
 
 
 def frame_windows(server: ViserServer, replay: Replay, film: Film, *, live: bool) -> None:
-    """Let each browser that comes look from where all that matters fills its window."""
+    """Give each browser that connects the viewpoint from which the workspace fills its window."""
 
     @server.on_client_connect
     def come(client: ClientHandle) -> None:
@@ -38,7 +38,7 @@ def frame_windows(server: ViserServer, replay: Replay, film: Film, *, live: bool
 
 
 class Framing:
-    """The viewpoint of one browser, until its person chooses another: that of its window, whenever its size changes."""
+    """One browser's viewpoint: fitted to its window at each change of size, until the user moves the camera."""
 
     def __init__(self, replay: Replay, film: Film, live: bool) -> None:
         self._scene, self._live = (replay, film), live
@@ -46,12 +46,12 @@ class Framing:
         self._size, self._left = (0, 0), TRIES
 
     def aim(self, camera: CameraHandle) -> None:
-        """Take in where the browser looks from; tell it where to."""
+        """Compare the browser's viewpoint with the fitted one; send the fitted one if they differ."""
         view, size = self._view, (camera.image_width, camera.image_height)
         there = view is not None and float(np.linalg.norm(camera.position - view.eye_m)) < NEAR_M
         if not there and not self._left:
-            return  # its person looks from elsewhere
-        if size != self._size:  # as when the panel has come beside the scene
+            return  # the user has moved the camera
+        if size != self._size:  # for example once the panel is beside the scene
             below = SHEET if size[0] <= PHONE_PX else MARGINS[1]
             view = viewpoint(*self._scene, camera.aspect, live=self._live, below=below)
             self._view, self._size, self._left = view, size, TRIES

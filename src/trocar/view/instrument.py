@@ -1,4 +1,4 @@
-"""An instrument drawn from its arm's model at joints that are given, where no simulator says how its bodies lie."""
+"""An instrument drawn from its arm's model at given joints, where no simulator gives the poses of its bodies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 STEEL: Rgb = (170, 176, 184)
 DARK: Rgb = (92, 98, 106)
 FRAMES = {"shaft": 4, "wrist": 5, "jaws": 7}
-"""Of ``trocar.arms.frames``, in which the parts are drawn."""
+"""Index in ``trocar.arms.frames`` of the frame in which each part is drawn."""
 FINGERS = {"left": 0.5, "right": -0.5}
 """Each finger's share of the opening."""
 
@@ -29,10 +29,10 @@ class Instrument:
     Args:
         scene: of the page.
         name: of the node above them.
-        arm: whose instrument.
+        arm: model of its arm.
         shaft: colour of the shaft.
         steel: colour of wrist and fingers.
-        how: of all meshes, as viser takes it: ``opacity``, say.
+        how: viser's options for all meshes, such as ``opacity``.
 
     Attributes:
         parts: nodes by the names of the parts.
@@ -53,7 +53,7 @@ class Instrument:
         }
 
     def show(self, T_world_base: SE3, q: ArrayLike, jaw_rad: float) -> None:
-        """Draw it at these joints (6,), with jaws open by this angle."""
+        """Draw the instrument at these joints (6,), with jaws open by this angle."""
         T_world_frame = T_world_base @ frames(self._arm, q)
         for part, frame in FRAMES.items():
             put(self.parts[part], T_world_frame[frame])

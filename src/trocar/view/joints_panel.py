@@ -75,7 +75,7 @@ class Joints:
         return tuple(kind for kind in self.values if kind != self.reference)
 
     def errors_near(self, tick: int, joint: int) -> tuple[NDArray[np.float64], ...]:
-        """Return seconds from a tick's time (k,), and the difference (k,) of each of :meth:`compared`, deg or mm."""
+        """Return times (k,) in s from a tick, and for each of :meth:`compared` its error (k,), deg or mm."""
         now = self.times_s[tick]
         first, last = np.searchsorted(self.times_s, [now - WINDOW_S, now + WINDOW_S])
         ticks = np.arange(first, last, max(1, (last - first) // POINTS))
@@ -92,7 +92,7 @@ CURVES: Mapping[str, Rgb] = {"commanded": (40, 120, 255), "measured": (214, 60, 
 
 
 class JointsPanel:
-    """One joint's errors as curves, ``ahead_s`` beyond the present, all joints as a table."""
+    """One joint's errors as curves, up to ``ahead_s`` after the present, and all joints as a table."""
 
     def __init__(self, gui: GuiApi, joints: Joints, ahead_s: float = WINDOW_S) -> None:
         self._joints, self._tick = joints, 0
@@ -114,7 +114,7 @@ class JointsPanel:
             self._draw_curves()
 
     def renew(self, joints: Joints) -> None:
-        """Take other joints, of the same kinds, and show their end."""
+        """Take new samples of the same kinds, and show the last one."""
         self._joints = joints
         self.show(len(joints.times_s) - 1)
 

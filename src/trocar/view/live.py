@@ -1,4 +1,4 @@
-"""A cell in the browser while it runs: what a replay shows, at the present moment, and how its arms fare."""
+"""A cell in the browser while it runs: what a replay shows, at the present moment, and the state of its arms."""
 
 from __future__ import annotations
 
@@ -44,36 +44,36 @@ from trocar.view.trial_view import PANELS_PER_S, in_words
 from trocar.view.viewpoint import BESIDE_PANEL, Viewpoint, viewpoint
 
 TRAIL_S = 2.0
-"""So much of a tip's path is drawn."""
+"""Duration of the part of a tip's path that is drawn."""
 KEPT_EVENTS, BALLS = 12, 50
 STEPS, PICTURES, EVENTS, JOINTS, LAST = range(2, 7)
 """Places in the panel, below clock and arms."""
 RATE_S = 2.0
-"""The clock's rate is that of this time."""
+"""Time over which the clock's rate is averaged."""
 GOOD: Rgb = (24, 132, 74)
 WAITS: Rgb = (176, 108, 0)
 BAD: Rgb = (190, 40, 40)
 STATES: Mapping[str, Rgb] = {"ENABLED": GOOD, "PAUSED": WAITS}
-"""Colours of CRTK's operating states; the others are bad."""
+"""Colours of CRTK's operating states; all others are ``BAD``."""
 
 
 class Scene(Protocol):
-    """What makes a replay of rows of arrays (``trocar.eval.scenery.Scenery``)."""
+    """Makes a replay from rows of arrays (``trocar.eval.scenery.Scenery``)."""
 
     def shown(
         self, title: str, times_s: NDArray[np.float64], arrays: Mapping[str, NDArray], planned: str = "desired"
     ) -> Replay:
-        """Return a replay of arms and bodies alone."""
+        """Return a replay of arms and bodies only."""
         ...
 
 
 @dataclass(frozen=True)
 class ArmFacts:
-    """How an arm fares.
+    """The state of an arm.
 
     Attributes:
         state: ``ENABLED``, ``PAUSED``, ``DISABLED`` or ``FAULT``.
-        more: beside it: homed, busy.
+        more: shown beside the state: homed, busy.
         facts: texts by their headings.
     """
 
@@ -84,18 +84,18 @@ class ArmFacts:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """A cell at one time.
+    """The state of a cell at one time.
 
     Attributes:
         time_s: of its clock.
         arrays: one row each, named as those of a trial.
-        arms: how they fare.
-        clock: what is said about the clock.
-        events: dicts with ``name`` and ``time_s``, since the moment before.
+        arms: the arms' states, by name.
+        clock: text beside the clock.
+        events: dicts with ``name`` and ``time_s``, since the previous moment.
         contacts: likewise.
-        spans: of the scripts, that have ended since the moment before.
+        spans: the scripts' spans that have ended since the previous moment.
         begun: spans that have not ended: arm, name and start in s.
-        made_s: when it was that moment, on the machine's monotonic clock.
+        made_s: when it was made, on the machine's monotonic clock.
     """
 
     time_s: float
@@ -115,8 +115,8 @@ class Picture(NamedTuple):
     Attributes:
         camera: name.
         color: (h, w, 3).
-        said: about it.
-        outlines_px: a closed line (n, 2) about each thing that perception found in it, in pixels, by what it is.
+        said: text about it.
+        outlines_px: closed outline (n, 2) in pixels of each thing that perception found in it, by name.
     """
 
     camera: str
@@ -126,7 +126,7 @@ class Picture(NamedTuple):
 
 
 class LiveView:
-    """A page that only this machine can open.
+    """A live page that only this machine can open.
 
     Args:
         scene: of the cell.
@@ -146,7 +146,7 @@ class LiveView:
         self._rows: deque[Moment] = deque()
         self._said: deque[str] = deque(maxlen=KEPT_EVENTS)
         self._due_s = 0.0
-        self._clock: deque[tuple[float, float]] = deque()  # of the wall, of the cell
+        self._clock: deque[tuple[float, float]] = deque()  # wall clock, cell's clock
         replay = self._replay([moment])
         film = shoot(replay)
         view = viewpoint(replay, film, BESIDE_PANEL, live=True)
@@ -176,7 +176,7 @@ class LiveView:
 
     def show(self, moment: Moment) -> None:
         """Show the next moment."""
-        if self._rows and self._rows[-1].time_s == moment.time_s:  # the clock stands
+        if self._rows and self._rows[-1].time_s == moment.time_s:  # the clock is paused
             self._rows.pop()
         self._rows.append(moment)
         while self._rows[0].time_s < moment.time_s - WINDOW_S:
@@ -204,7 +204,7 @@ class LiveView:
                 self._show_panels(moment)
 
     def begin(self, scene: Scene) -> None:
-        """Show another scene of the same arms from now on, whose clock begins anew."""
+        """Show another scene of the same arms from now on; its clock starts again at 0."""
         self._scene = scene
         self._anew = True
         self._rows.clear()
@@ -218,7 +218,7 @@ class LiveView:
             tip.forget()
 
     def _draw_anew(self, replay: Replay) -> None:
-        """Draw the bodies of a scene that has begun, and what stands about them: each trial has its own."""
+        """Draw the bodies of a new scene and their surroundings: each trial has its own."""
         self._anew = False
         self._bodies.remove()
         film, scene = shoot(replay), self.server.scene
@@ -240,7 +240,7 @@ class LiveView:
 
     @property
     def rate(self) -> float:
-        """Return the seconds of the cell's clock in a second of the wall clock, lately."""
+        """Return the recent rate of the cell's clock, in seconds per second of the wall clock."""
         (began_s, from_s), (now_s, to_s) = self._clock[0], self._clock[-1]
         return (to_s - from_s) / max(now_s - began_s, 1e-3)
 
@@ -257,7 +257,7 @@ class LiveView:
         self._said.appendleft(f"<b>{time_s:.2f} s</b> {escape(words)}")
 
     def _show_contacts(self, moment: Moment) -> None:
-        """Show new touches, each for a while."""
+        """Show new contacts, each for a while."""
         for touch in moment.contacts:
             self._touches += 1
             ball = add_contact(self.server.scene, f"/contacts/{self._touches % BALLS}", touch, self._radius_m)
@@ -301,7 +301,7 @@ class Tip:
     Attributes:
         arm: name.
         colour: of the arm.
-        off_m: between the two places.
+        off_m: distance between the true tip and the one by the encoders.
     """
 
     def __init__(self, scene: Any, arm: str, colour: Rgb, replay: Replay, view: Viewpoint) -> None:
@@ -327,7 +327,7 @@ class Tip:
         """Draw a moment."""
         places = self._places(replay)
         self.off_m = float(np.linalg.norm(places[1] - places[0]))
-        if self._points[-1][0] == moment.time_s:  # the clock stands
+        if self._points[-1][0] == moment.time_s:  # the clock is paused
             self._points.pop()
         self._points.append((moment.time_s, places))
         while len(self._points) > 2 and self._points[0][0] < moment.time_s - TRAIL_S:
@@ -351,12 +351,12 @@ DOT_M = 1e-3
 
 
 def box(html: str) -> str:
-    """Return a piece of the panel."""
+    """Return HTML in the style of the panel."""
     return f'<div style="font-size:13px;line-height:1.55;padding:2px 14px;overflow-wrap:anywhere">{html}</div>'
 
 
 def card(tip: Tip, found: ArmFacts) -> str:
-    """Return what is told about an arm."""
+    """Return an arm's state and facts as HTML."""
     badge = (
         f'<span style="background:{css(STATES.get(found.state, BAD))};color:#fff;border-radius:4px;padding:1px 7px;'
         f'font-size:12px">{escape(found.state)}</span>'
@@ -369,7 +369,7 @@ def card(tip: Tip, found: ArmFacts) -> str:
 
 
 def table(facts: Mapping[str, str], width_px: int = 110) -> str:
-    """Return texts beside their headings, of this width."""
+    """Return texts beside headings of this width, as HTML."""
     return "".join(
         f'<div style="display:flex"><span style="flex:0 0 {width_px}px;color:#6b7078">{escape(name)}</span>'
         f"<span>{escape(text)}</span></div>"
@@ -378,7 +378,7 @@ def table(facts: Mapping[str, str], width_px: int = 110) -> str:
 
 
 def line(colour: Rgb, width_px: int) -> str:
-    """Return a short line, as the scene draws it."""
+    """Return a short line as in the scene, for a legend."""
     return (
         f'<span style="display:inline-block;width:18px;height:{width_px}px;margin:0 6px 3px 0;vertical-align:middle;'
         f'background:{css(colour)}"></span>'
@@ -389,7 +389,7 @@ INK: Rgb = (89, 96, 106)
 
 
 def legend(replay: Replay) -> str:
-    """Return what the lines of the scene are; where nobody knows the true joints, there is no line of them."""
+    """Return the legend of the scene's lines; without true joints, there is no line of the true tip."""
     true = f"{line(INK, 4)}tip, true &ensp;" if any("true" in kinds for kinds in replay.joints.values()) else ""
     others = f"{line(INK, 1)}tip, by its encoders &ensp;{line(CONTACT, 8)}contact"
     return f'<div style="font-size:12px;color:{css(INK)}">{true}{others}</div>'

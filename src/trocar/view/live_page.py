@@ -1,4 +1,4 @@
-"""The process of a live page: whoever runs the cell hands it moments, and never waits for it."""
+"""A live page in its own process: the program that runs the cell sends it moments, and never waits for it."""
 
 from __future__ import annotations
 
@@ -18,48 +18,48 @@ from trocar.errors import MachineError
 from trocar.view.live import LiveView, Moment, Picture, Scene
 
 NICE, NICE_HEARD = 19, 5
-"""Added to the process's niceness: where cores are few, the arms come first; of a page on which something can be said,
-less so. Beside a browser that draws without a graphics card, the process got too little time to pass on a stop."""
+"""Added to the process's niceness, so that the arms come first where cores are few; a page with controls gets the
+second. With the first, beside a browser without a graphics card, it had too little time to pass on a stop."""
 PAUSE_S = 0.02
-"""It looks so often for the next moment. If it waited for it instead, it would be woken, and take the core, in the
-middle of the tick of whoever sends it: that cost 10 ms on a busy machine."""
+"""Interval at which the process polls for the next moment. If it blocked instead, it would wake up, and take the core,
+in the middle of the sender's tick: that cost 10 ms on a busy machine."""
 START_S = 120.0
-"""The page is there within this time."""
+"""Time limit for the page to start."""
 END_S = 5.0
-"""It ends within this time."""
+"""Time limit for the page to end."""
 IDLE_S = 0.5
-"""While no browser has it open, it asks for moments so slowly."""
+"""Interval between moments while no browser has the page open."""
 LOOK_S = 0.1
-"""So often it looks for images."""
+"""Interval at which the process looks for images."""
 
 Say = Callable[[Any], None]
-"""Sends what a person says on the page to whoever runs the cell; from any thread."""
+"""Sends a person's wish to the program that runs the cell; from any thread."""
 Open = Callable[[Scene, str, Any, int, Say], LiveView]
-"""Opens a page, of whatever kind of moment it shows."""
+"""Opens a page, which may need its own kind of moment."""
 Images = Callable[[], Iterable[Picture]]
-"""Returns what has come since the last call."""
+"""Returns the images since the last call."""
 
 
 def silent(scene: Scene, title: str, moment: Moment, port: int, say: Say) -> LiveView:
-    """Open a page on which nothing can be said."""
+    """Open a page without controls."""
     del say
     return LiveView(scene, title, moment, port)
 
 
 class LivePage:
-    """A page in a process of its own: a context manager, with which it ends.
+    """A page in a process of its own; a context manager that ends it.
 
     Args:
-        scene: of the cell; goes to the process.
+        scene: of the cell; sent to the process.
         title: of the page.
         moment: the first one.
-        port: as ``LiveView`` takes it.
-        listen: begins to listen for images, in the process, once a browser has opened the page; None: there are none.
-        opens: opens it, in the process.
+        port: as in ``LiveView``.
+        listen: called in the process once a browser has opened the page, to receive images; None: no images.
+        opens: opens the page, in the process.
 
     Attributes:
-        port: that it got.
-        ended: whether its process was found to have ended.
+        port: the port that the server got.
+        ended: whether the process was found to have ended.
     """
 
     def __init__(
@@ -97,19 +97,19 @@ class LivePage:
         self._packed.put(None)
         self._sender.join(END_S)
         if self._sender.is_alive():
-            self._process.kill()  # it reads no more
+            self._process.kill()  # it has stopped reading
         self._pipe.close()
         self._process.join(END_S)
         self._process.kill()
 
     @property
     def waits(self) -> bool:
-        """Return whether it has shown the last moment; never again once its process has ended."""
+        """Return whether the page has shown the last moment; False once its process has ended."""
         self._listen()
         return self._waits
 
     def said(self) -> list[Any]:
-        """Return what was said on the page since this was called last."""
+        """Return the wishes made on the page since the last call."""
         self._listen()
         said, self._said = self._said, []
         return said
@@ -126,14 +126,14 @@ class LivePage:
             self._waits, self.ended = False, True
 
     def show(self, moment: Moment) -> None:
-        """Show a moment; only when it waits for one, so that no more than one is ever under way."""
+        """Show a moment; to be called only if ``waits``, so that at most one is under way."""
         self._waits = False
-        self._packed.put(ForkingPickler.dumps(moment))  # as it is now
+        self._packed.put(ForkingPickler.dumps(moment))  # now, since it may change before it is sent
 
     def _send(self) -> None:
-        """Send what was packed; one with an image does not fit into the pipe, and waits until the process reads it."""
+        """Send packed moments; one with an image exceeds the pipe's buffer, and blocks until the process reads it."""
         while (packed := self._packed.get()) is not None:
-            with suppress(OSError):  # it has ended
+            with suppress(OSError):  # the process has ended
                 self._pipe.send_bytes(packed)
 
 
@@ -146,7 +146,7 @@ def show_for_ever(
     opens: Open,
     pipe: Connection,
 ) -> None:
-    """Show moments until the other end has gone; each is answered with True, the start with the port."""
+    """Show moments until the other end has gone; send the port first, then True after each moment."""
     lock = Lock()
 
     def say(what: object) -> None:
@@ -166,7 +166,7 @@ def show_for_ever(
                 time.sleep(PAUSE_S)
             view.show(pipe.recv())
             if not view.watched:
-                pipe.poll(IDLE_S)  # nothing comes before the answer, unless the other end goes
+                pipe.poll(IDLE_S)  # a pause: nothing comes before the answer, unless the other end goes
             say(True)
             if time.monotonic() < look_s:
                 continue

@@ -107,9 +107,9 @@ def _smooth_surfaces(faces: NDArray[np.intp], normals: NDArray[np.float64]) -> N
 
 
 def tube(points_m: ArrayLike, radii_m: ArrayLike, sides: int = 24) -> Mesh:
-    """Return a closed tube along a path (k, 3), whose neighbours may coincide where the radius, (k,) or one, jumps.
+    """Return a closed tube along a path (k, 3) with these radii (k,), or one radius for all points.
 
-    ``sides`` are the corners of its cross-section; with varying radii it is a cone or a disc.
+    Neighbouring points may coincide where the radius jumps. ``sides``: number of corners of the cross-section.
     """
     points = np.asarray(points_m, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radii_m, dtype=np.float64), (len(points),))
@@ -119,7 +119,7 @@ def tube(points_m: ArrayLike, radii_m: ArrayLike, sides: int = 24) -> Mesh:
     third = np.cross(along, across)
     circle = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * third[:, None]
     rings = points[:, None] + radii[:, None, None] * circle
-    start, end = rings[0], rings[-1]  # repeated, because caps have edges
+    start, end = rings[0], rings[-1]  # repeated, so that the caps have sharp edges
     vertices = np.concatenate([rings.reshape(-1, 3), start, points[:1], end, points[-1:]])
     i, j = np.arange(sides), (np.arange(sides) + 1) % sides
     faces = []
@@ -166,13 +166,13 @@ def wrist_link(arm: ArmModel) -> Mesh:
 
 
 def finger(arm: ArmModel) -> Mesh:
-    """Return one finger in a frame on the jaw axis, whose -z it points along; it closes against the plane x = 0."""
+    """Return one finger in a frame on the jaw axis; it points along -z and closes against the plane x = 0."""
     T_jaw_joint = SE3(np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]))
     return hull(T_jaw_joint.apply(arm.instrument.finger_m(1)))
 
 
 def body_parts(solids: Iterable[Solid]) -> dict[str, dict[Rgba, Mesh]]:
-    """Return for each body that has solids one mesh, in the body's frame, of all solids of a colour ([0, 1], sRGB)."""
+    """Return, for each body that has solids, one mesh per colour ([0, 1], sRGB), in the body's frame."""
     meshes: dict[str, dict[Rgba, list[Mesh]]] = {}
     for solid in solids:
         on_body = solid_mesh(solid).moved(solid.T_body_solid)
@@ -199,7 +199,7 @@ def solid_mesh(solid: Solid) -> Mesh:
 
 
 def _capsule(radius_m: float, half_m: float = 0.0) -> Mesh:
-    """Return a capsule along z, ``half_m`` half of the length between the middles of its round ends; 0: a sphere."""
+    """Return a capsule along z; ``half_m``: half the distance between the centres of its ends, 0 for a sphere."""
     angle = np.linspace(0.0, math.pi / 2, RINGS + 1)
     radii = radius_m * np.cos(angle)
     radii[-1] = 0.0

@@ -1,4 +1,4 @@
-"""Whether the page that a person holds still answers: a frozen one keeps its connection for most of a minute."""
+"""Detects that the page with the controls has frozen: it would keep its connection for most of a minute."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from dataclasses import dataclass
 from typing import Any
 
 EVERY_S = 0.5
-"""Between an answer and the next question."""
+"""Time between an answer and the next question."""
 LIMIT_S = 2.0
-"""A page that answered soon until now is missed after this time, .."""
+"""A page that has answered fast counts as silent after this time without an answer, .."""
 SLOWER, KEPT = 10.0, 10
-""".. and a slow one after so many times the longest that it took for its last answers, this many. A browser that draws
-without a graphics card, on two cores that others use, answered within .3 to 13 s; 3 times later than before as well."""
+""".. and a slow one after ``SLOWER`` times the longest of its last ``KEPT`` response times. A browser without a
+graphics card, on two shared cores, took 0.3 to 13 s, sometimes 3 times as long as before."""
 LOOK_S = 0.1
 KEY = "trocar"
-"""Of a value that the browser would keep, and nobody sets: to look for it, the page's script has to run."""
+"""Key in the browser's local storage that nobody sets: the page's script must run to look it up."""
 
 
 @dataclass(eq=False)
 class _Question:
-    """One that waits for its answer: of which page, and for how long."""
+    """A question that waits for its answer: to which page, and for how long."""
 
     page: Any
     waited_s: float = 0.0
 
 
 class Pulse:
-    """Asks a page again and again for something that only its script can answer.
+    """Asks a page repeatedly for something that only its script can answer.
 
-    A page that has not answered ``KEPT`` times yet is still being built, and is not missed; one in a hidden tab
-    answers. Time in which this process itself did not run does not count.
+    A page counts as still being built, and never as silent, until it has answered ``KEPT`` times. A page in a hidden
+    tab answers too. Time in which this process itself did not run does not count.
 
     Args:
-        holder: returns viser's handle of the page that is asked; None: there is none.
-        missed: is called once when it does not answer any more; again only after it has answered.
+        holder: returns viser's handle of the page to ask; None: there is none.
+        missed: called once when the page falls silent; again only after it has answered.
 
     Attributes:
-        limit_s: within this time the page has to answer; inf: it is still being built.
-        silent: handle of the page that was missed, and has not answered since.
+        limit_s: time limit for an answer; inf while the page is being built.
+        silent: handle of the page that fell silent and has not answered since.
     """
 
     def __init__(self, holder: Callable[[], Any], missed: Callable[[], None]):
@@ -54,7 +54,7 @@ class Pulse:
             threading.Thread(target=run, daemon=True).start()
 
     def end(self) -> None:
-        """Ask no more."""
+        """Stop asking."""
         self._ended.set()
 
     def _ask(self) -> None:
@@ -69,7 +69,7 @@ class Pulse:
             self._question = question = _Question(page)
             try:
                 page.local_storage.get_item(KEY)
-            except RuntimeError:  # the page has gone, or its browser keeps no values, which it has told
+            except RuntimeError:  # the page has gone, or it has answered that its browser has no storage
                 if self._holder() is not page:
                     continue
             finally:

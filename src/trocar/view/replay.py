@@ -61,11 +61,11 @@ const goOn = (play, latest, before, smooth) => requestAnimationFrame((now) => { 
 addEventListener("hashchange", begin);
 begin();
 """
-"""Starts the player at a time of the page's address: viser's player has no such option, so the time is typed."""
+"""Starts the player at the time in the page's address: viser's player has no such option, so this types the time."""
 
 QUIET: Rgb = (89, 96, 106)
 LARGEST_BYTES = 3_000_000
-MAX_POSES = 40_000  # so many pose changes fit into such a page; a longer trial gets fewer frames per second
+MAX_POSES = 40_000  # limit of pose changes in such a page; a longer trial gets fewer frames per second
 END_S = 1.0  # pause before the player starts again after its last frame
 
 
@@ -73,9 +73,9 @@ def write_replay(replay: Replay, path: str | Path) -> Path:
     """Write a page that plays a replay in 3D, and return its path.
 
     The page contains everything that it needs and loads nothing from a network. It plays 30 frames per second of the
-    trial's clock or, if more than ``MAX_POSES`` poses would change, the next lower rate of ``FRAME_RATES`` at which
-    they do not; each frame shows a recorded tick, nothing is interpolated. A body is moved once it is more than 20 um
-    or 0.1 mrad from where it is drawn. With ``#t=SECONDS`` at the end of its address it starts at that time.
+    trial's clock, or a lower rate of ``FRAME_RATES`` to keep to ``MAX_POSES`` changes of poses and, if possible, to
+    ``LARGEST_BYTES``. Each frame shows a recorded tick; nothing is interpolated. A body is moved once it is more than
+    20 um or 0.1 mrad from where it is drawn. With ``#t=SECONDS`` at the end of its address it starts at that time.
 
     Args:
         replay: what is played.
@@ -85,7 +85,7 @@ def write_replay(replay: Replay, path: str | Path) -> Path:
         TrocarError: viser is not installed, the replay does not fit together, or the file cannot be written.
     """
     page = ""
-    for share in (1, 2, 4):  # the finest that is small enough; a coarse one if there is much besides the poses
+    for share in (1, 2, 4):  # from fine to coarse, until the page is small enough
         film = shoot(replay, FRAME_RATES, MAX_POSES // share)
         page = _with_overlay(_recorded(replay, film), replay, film)
         if len(page.encode()) <= LARGEST_BYTES:
@@ -94,10 +94,10 @@ def write_replay(replay: Replay, path: str | Path) -> Path:
 
 
 def _recorded(replay: Replay, film: Film) -> str:
-    """Return viser's own page of a film. The server that this needs answers only this machine, and is stopped again."""
+    """Return viser's own page of a film, recorded on a temporary server that only this machine can reach."""
     server = open_server(0)
     try:
-        with server.atomic():  # does not wake a thread at each message
+        with server.atomic():  # so that messages do not each wake a thread
             stage = Stage(server, replay, film)
             recording = server.get_scene_serializer()
             for frame, pause_s in enumerate(np.diff(film.times_s).tolist(), 1):
@@ -124,7 +124,7 @@ def _record_poses(recording: StateSerializer, bodies: Bodies, frame: int) -> Non
 
 
 def notice(replay: Replay) -> str:
-    """Return what stands beside a scene: whether it was simulated (then true joints are known), and a warning."""
+    """Return the text beside a scene: whether it was simulated (then true joints are known), and a warning."""
     known = not replay.joints or any("true" in kinds for kinds in replay.joints.values())
     return f"{'Simulated. ' if known else ''}For research, not for use on patients."
 

@@ -69,14 +69,14 @@ _CONSOLE = threading.Lock()
 
 
 OWN = re.compile(r"https?://(127\.0\.0\.1|localhost)(:\d+)?")
-"""Addresses of this machine's own pages, also of those that a forwarded port brings to another."""
+"""Origins of this machine's own pages, also if a forwarded port takes them to another machine."""
 
 
 @contextmanager
 def _own_pages_only() -> Iterator[None]:
-    """Let servers that are opened meanwhile refuse web pages of other origins, which could press buttons, too.
+    """Make servers opened in this context refuse web pages of other origins, which could otherwise press buttons.
 
-    Programs that name no origin are not web pages. viser has no setting for it.
+    Programs that name no origin are not web pages, and are accepted. viser has no setting for this.
     """
     from websockets.asyncio import server  # viser's
 

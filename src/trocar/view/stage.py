@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Rgb = tuple[int, int, int]
 
 ARMS: tuple[Rgb, ...] = ((30, 105, 255), (110, 225, 50), (60, 62, 70))
-"""Colours of arms, in order; whoever sees colours differently tells them apart by their brightness."""
+"""Colours of arms, in order; they also differ in brightness, for colour-blind readers."""
 CONTACT: Rgb = (214, 60, 160)
 SKY: Rgb = (238, 240, 243)
 HORIZON: Rgb = (206, 211, 217)
@@ -43,16 +43,16 @@ def arm_colours(replay: Replay) -> dict[str, Rgb]:
 
 SPACING_M, MAX_POINTS = 1e-3, 2000  # spacing of a whole path
 DASH_M = 2e-3  # length of a dash, and of the gap behind it
-STEP_S = 0.05  # between two points of a stretch
-NOW_S, LEAP_S = 2.0, 1.0  # the last part of a driven path is bold; what is behind it advances in steps
+STEP_S = 0.05  # time between two points of a path
+NOW_S, LEAP_S = 2.0, 1.0  # the last part of a driven path is bold; the part before it advances in steps
 THIN_PX, BOLD_PX = 2.0, 4.5
 
 
 class Paths:
     """Path of each arm's tip on its present goal, in the arm's colour: nodes ``/paths/ARM planned`` and so on.
 
-    The planned path of the goal is dashed. The driven one is solid: ``driven`` from the goal's beginning on, ``now``
-    its last two seconds up to the tip. Whole paths, ``all``, are hidden: in a long trial they would cover the scene.
+    The planned path is dashed. The driven path is solid: ``driven`` from the start of the goal, and ``driven, now`` for
+    the last two seconds up to the tip. Whole paths (``all``) are hidden: in a long trial they would cover the scene.
     """
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
@@ -83,14 +83,14 @@ class Paths:
 
 
 def stretches_of(replay: Replay, arm: str) -> NDArray[np.float64]:
-    """Return the times (k,) in s at which an arm turns to something else: ends of its goals and of the trial."""
+    """Return the times (k,) in s that divide an arm's trial: starts and ends of its goals and of the trial."""
     start_s, end_s = float(replay.times_s[0]), float(replay.times_s[-1])
     ends = [time_s for goal in replay.goals if goal.arm == arm for time_s in (goal.start_s, goal.end_s)]
     return np.unique(np.clip([start_s, *ends, end_s], start_s, end_s))
 
 
 class TipPath:
-    """A path on a clock of ``STEP_S``, whose points stay in place whatever part of it is drawn."""
+    """A path sampled every ``STEP_S``; its points are the same whichever part of it is drawn."""
 
     def __init__(self, times_s: NDArray[np.float64], points_m: NDArray[np.float64]) -> None:
         self._times_s, self._points_m = times_s, points_m
@@ -98,7 +98,7 @@ class TipPath:
         self._on_clock_m = points_m[self._ticks(self._clock_s)]
 
     def between(self, start_s: float, end_s: float) -> NDArray[np.float64]:
-        """Return the points (k, 3) from one time to another, at least these two."""
+        """Return the points (k, 3) from one time to another, both included."""
         first, last = np.searchsorted(self._clock_s, [start_s, end_s])
         start, end = self._points_m[self._ticks(np.array([start_s, end_s]))]
         return np.concatenate([start[None], self._on_clock_m[first:last], end[None]])
@@ -118,7 +118,7 @@ class PlannedTrail:
         self._node = add_pieces(scene, name, dashes(path.between(*self._drawn)), colour, THIN_PX)
 
     def show(self, time_s: float) -> None:
-        """Draw the goal of a time, unless it is drawn already."""
+        """Draw the planned path of the goal at a time, unless it is drawn already."""
         stretch = stretch_at(self._stretches_s, time_s)
         if stretch != self._drawn:
             self._drawn, self._node.points = stretch, dashes(self._path.between(*stretch))
@@ -139,7 +139,7 @@ class DrivenTrail:
         ]
 
     def show(self, time_s: float) -> None:
-        """Draw what was driven until a time, as far as it is not drawn already."""
+        """Draw the path driven up to a time; update only parts that have changed."""
         parts = self._behind(time_s), self._path.between(time_s - NOW_S, time_s)
         for node, points, drawn in zip(self._nodes, parts, self._drawn, strict=True):
             if not np.array_equal(points, drawn):
@@ -152,13 +152,13 @@ class DrivenTrail:
 
 
 def stretch_at(stretches_s: NDArray[np.float64], time_s: float) -> tuple[float, float]:
-    """Return start and end of the stretch that holds a time."""
+    """Return start and end of the stretch that contains a time."""
     after = int(np.clip(np.searchsorted(stretches_s, time_s + 1e-9), 1, max(1, len(stretches_s) - 1)))
     return float(stretches_s[after - 1]), float(stretches_s[min(after, len(stretches_s) - 1)])
 
 
 def dashes(points_m: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return every second piece (k, 2, 3) of ``DASH_M``, or longer to limit their number, of a path (n, 3)."""
+    """Return the dashes (k, 2, 3) of a path (n, 3), ``DASH_M`` long, or longer to limit their number."""
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=1))])
     corners = np.arange(0.0, way[-1], max(DASH_M, way[-1] / MAX_POINTS))
     even = np.column_stack([np.interp(np.append(corners, way[-1]), way, column) for column in points_m.T])
@@ -228,7 +228,7 @@ def add_arm_label(scene: SceneApi, arm: str, place_m: NDArray) -> Any:
 
 
 def above_tips_m(replay: Replay, view: Viewpoint) -> dict[str, NDArray[np.float64]]:
-    """Return how far (3,) each arm's label is above its tip; those of tips at one height are at different ones."""
+    """Return the offset (3,) of each arm's label from its tip; heights alternate, so that labels overlap less."""
     return {
         arm: np.array([0.0, 0.0, (LABEL + ROW * (number % 2)) * view.radius_m])
         for number, arm in enumerate(replay.tools)
@@ -236,7 +236,7 @@ def above_tips_m(replay: Replay, view: Viewpoint) -> dict[str, NDArray[np.float6
 
 
 def captions(replay: Replay, film: Film, arm: str) -> list[str]:
-    """Return for each frame the arm's name and what it is doing: the name of its shortest span about that time."""
+    """Return for each frame the arm's name and what it is doing: the name of its shortest span at that time."""
     texts = [arm] * len(film.times_s)
     spans = [span for span in replay.spans if span[0] == arm]
     for _, name, start_s, end_s in sorted(spans, key=lambda span: span[2] - span[3]):  # the longest first
@@ -263,7 +263,7 @@ MIN_S = 0.5  # a shorter touch is shown for this long, to be visible at all
 
 
 class Contacts:
-    """A ball with a label at the place of each contact, seen while it lasts."""
+    """A ball with a label at the place of each contact, shown while the contact lasts."""
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film, radius_m: float) -> None:
         self._times_s, self._touches = film.times_s, []
@@ -273,18 +273,18 @@ class Contacts:
             self._touches.append((ball, touch.time_s, max(touch.end_s, touch.time_s + MIN_S)))
 
     def show(self, frame: int) -> None:
-        """Show the touches of a frame."""
+        """Show the contacts of a frame."""
         time_s = float(self._times_s[frame])
         for ball, start_s, end_s in self._touches:
-            ball.visible = start_s <= time_s < end_s  # viser sends what has changed
+            ball.visible = start_s <= time_s < end_s  # viser sends only changes
 
 
 class Bodies:
-    """Bodies at their poses; those that move are nodes ``/bodies/NAME`` in the world's frame, first as in frame 0."""
+    """Bodies at their poses, at first those of frame 0: nodes ``/bodies/NAME`` in the world's frame."""
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
         self._scene, self._moved = scene, film.moved
-        # the precision that a browser draws with
+        # browsers draw in single precision
         self._position_m, self._wxyz = film.position_m.astype(np.float32), film.wxyz.astype(np.float32)
         parts = body_parts(replay.solids)
         still = [body for body in parts if body not in film.bodies]
@@ -307,7 +307,7 @@ class Bodies:
         self.place(self._position_m[:, frame], self._wxyz[:, frame])
 
     def place(self, position_m: NDArray[np.float32], wxyz: NDArray[np.float32]) -> None:
-        """Move all bodies, in the order of the film's, to these positions (m, 3) and orientations (m, 4)."""
+        """Move the film's bodies, in its order, to these positions (m, 3) and orientations (m, 4)."""
         for node, position, turned in zip(self._nodes, position_m, wxyz, strict=True):
             node.position, node.wxyz = position, turned
 
@@ -329,7 +329,7 @@ LIT = 3.0  # radii of the workspace that the lamp reaches
 
 
 class Stage:
-    """Everything that is drawn of a replay, first at the first frame of its film: bodies, and what is over them."""
+    """Everything that is drawn of a replay: bodies, paths, contacts and labels; at first those of the first frame."""
 
     def __init__(self, server: ViserServer, replay: Replay, film: Film, aspect: float = ASPECT) -> None:
         self.film = film
@@ -355,7 +355,7 @@ class Stage:
 
 
 def set_up(server: ViserServer, replay: Replay, film: Film, view: Viewpoint, *, live: bool = False) -> None:
-    """Set view and light, and lay what stands about the bodies; a browser looks as its window's shape asks for."""
+    """Set view and light, and draw table and ports; each browser's view fits the shape of its window."""
     look_from(server, view)
     frame_windows(server, replay, film, live=live)
     light(server.scene, view)

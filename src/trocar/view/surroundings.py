@@ -1,4 +1,4 @@
-"""What stands about a scene and is in no trial's solids: a table below it, and the ports that the shafts go through."""
+"""Surroundings of a scene that are not among a trial's solids: the table, and the ports that the shafts go through."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TABLE = (150, 158, 168)
 THICK_M, BELOW_M = 4e-3, 0.5e-3
 """Thickness of the table, and how far it is below what stands on it: faces in one plane would flicker."""
 BEYOND = 0.35
-"""It reaches beyond what stands on it, and beyond the ports, by this share of their extent."""
+"""The table reaches beyond what stands on it, and beyond the ports, by this share of their extent."""
 PORT = (58, 64, 74)
 RING_M = (7.5e-3, 2e-3)
 """Radii of a port's ring and of its rim; a shaft of 8 mm passes through it at any angle that an arm reaches."""
@@ -28,7 +28,7 @@ SIDES = 32
 
 
 def lay_table(scene: SceneApi, replay: Replay, film: Film) -> None:
-    """Lay a table below what never moves, if there is anything, as far as objects and ports reach."""
+    """Draw a table below the fixed solids, if there are any, that extends below all objects and ports."""
     corners = fixed_corners(replay, film)
     if not len(corners):
         return
@@ -53,7 +53,7 @@ def add_ports(scene: SceneApi, replay: Replay, film: Film) -> None:
 
 
 def _along_shaft(replay: Replay, film: Film, arm: str) -> NDArray[np.float64] | None:
-    """Return the mean direction (3,) from an arm's wrist to its port; None if nobody knows where its wrist is."""
+    """Return the mean direction (3,) from an arm's wrist to its port; None if the wrist's pose is unknown."""
     wrist = replay.T_world_body.get(f"{arm}_link4")
     if wrist is None:
         return None

@@ -1,4 +1,4 @@
-"""What happened when, beside a scene: the spans of scripts, and how far tips were from where they were planned."""
+"""Time lines beside a scene: the spans of scripts, and the tips' distances from their planned positions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WINDOW_S = 5.0  # before and after the present, in curves and in the close-up of
 Span = tuple[str, str, float, float]
 """Arm, name, start and end in s."""
 BESIDE = "padding:0 14px;line-height:1.6;"
-"""Style of words that begin where pictures and text of viser's do."""
+"""Style that aligns text with viser's pictures and text."""
 WIDTH_PX, ROW_PX, AXIS_PX, NAMES_PX = 840, 40, 34, 90
 STRIP_PX = 84
 LEAST_MM = 2.0  # upper end of a strip's scale, if no error is larger
@@ -45,7 +45,7 @@ class TimeLine:
     """
 
     def __init__(self, spans: Sequence[Span], start_s: float, end_s: float, names: Sequence[str] = ()) -> None:
-        """Take the spans; those of ``names`` have their colours first, in order, whether they are there or not."""
+        """Take the spans; ``names`` get the first colours, in order, even if no span has these names."""
         self._spans, self._start_s = spans, start_s
         self._end_s = max(end_s, start_s + 1e-3)
         self.arms = tuple(dict.fromkeys(arm for arm, *_ in spans))
@@ -74,7 +74,7 @@ class TimeLine:
         return f'<div style="{BESIDE}font-size:12px">{" &ensp; ".join(entries)}</div>'
 
     def _drawn(self, from_s: float, to_s: float) -> NDArray[np.uint8]:
-        """Return a stretch of time without a line."""
+        """Return the picture of a stretch of time, without the line of the present."""
         picture = Image.new("RGB", (WIDTH_PX, ROW_PX * len(self.arms) + AXIS_PX), PAPER)
         pen = ImageDraw.Draw(picture)
         scale = (WIDTH_PX - NAMES_PX) / (to_s - from_s)
@@ -100,7 +100,7 @@ class TimeLine:
 
 
 class ErrorStrip:
-    """A picture of how far each arm's tip was from where it was planned, over the same time as a time line."""
+    """A picture of each tip's distance from its planned position, over the same time as a time line."""
 
     def __init__(self, replay: Replay) -> None:
         self._start_s = float(replay.times_s[0])
@@ -122,7 +122,7 @@ class ErrorStrip:
         return ", ".join(f"{arm} {error[tick]:.1f} mm" for arm, error in self.errors_mm.items())
 
     def _drawn(self, replay: Replay) -> NDArray[np.uint8]:
-        """Return the strip: contacts and missed goals as vertical lines, the largest error of each pixel's time."""
+        """Return the strip: contacts and missed goals as vertical lines, and each pixel column's largest error."""
         picture = Image.new("RGB", (WIDTH_PX, STRIP_PX), PAPER)
         pen = ImageDraw.Draw(picture)
         pen.text((0, 2), f"{self.top_mm:.1f} mm", fill=QUIET, font=FONT)
@@ -147,7 +147,7 @@ class ErrorStrip:
 
 
 def _marked(picture: NDArray[np.uint8], share: float, below_px: int = AXIS_PX) -> NDArray[np.uint8]:
-    """Return a picture with a line at a share of its time, from its top down to so far above its bottom."""
+    """Return a picture with a vertical line at a share of its time, from its top to ``below_px`` above its bottom."""
     marked = picture.copy()
     x = NAMES_PX + round(min(max(share, 0.0), 1.0) * (WIDTH_PX - NAMES_PX - 1))
     marked[: len(marked) - below_px, max(0, x - 1) : x + 2] = INK
@@ -172,7 +172,7 @@ class TimeLinePanel:
 
 
 class ErrorPanel:
-    """How far the tips were from where they were planned, over the whole trial."""
+    """The tips' distances from their planned positions, over the whole trial."""
 
     def __init__(self, gui: GuiApi, replay: Replay) -> None:
         self._times_s, self._strip = replay.times_s, ErrorStrip(replay)
@@ -189,7 +189,7 @@ class ErrorPanel:
 
 
 class LiveTimeLine:
-    """The scripts' spans of the last seconds, up to the present, where those that have not ended are marked."""
+    """The scripts' spans of the last seconds up to the present, including those that have not ended."""
 
     def __init__(self, gui: GuiApi) -> None:
         self._spans: deque[Span] = deque()
@@ -208,13 +208,13 @@ class LiveTimeLine:
         self._spans.clear()
 
     def show(self, time_s: float, begun: Sequence[tuple[str, str, float]]) -> None:
-        """Draw a time, with the spans that have begun and not ended."""
+        """Draw the time line up to a time; ``begun``: spans that have not ended."""
         from_s = max(0.0, time_s - 2 * WINDOW_S)
         while self._spans and self._spans[0][3] < from_s:
             self._spans.popleft()
         present = [(arm, name, start_s, time_s) for arm, name, start_s in begun]
         self._names |= dict.fromkeys(name for _, name, _ in begun)
-        spans = sorted([*self._spans, *present], key=lambda span: span[0])  # else rows would change places
+        spans = sorted([*self._spans, *present], key=lambda span: span[0])  # else rows would swap
         line = TimeLine(spans, from_s, time_s, tuple(self._names))
         self._picture.visible = bool(spans)
         if spans:

@@ -1,4 +1,4 @@
-"""A trial in the browser: the scene of ``replay.html``, and beside it what a page alone cannot show."""
+"""A trial in the browser: the scene of ``replay.html``, and beside it panels that need a server."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class TrialView:
         server: viser's server.
         stage: the scene.
         jumps: time in s of each event, contact and missed goal, by its text in the menu.
-        time_s: that is shown.
+        time_s: the time shown.
         plays: whether time runs while :meth:`play` is running.
 
     Raises:
@@ -71,7 +71,7 @@ class TrialView:
             self._show_panels()
 
     def run(self, plays: bool) -> None:
-        """Start time, from the beginning if it is at the end, or stop it."""
+        """Play, from the beginning if the end is reached, or pause."""
         with self._lock:
             if plays and self.time_s >= self._times_s[-1]:
                 self.show(float(self._times_s[0]))
@@ -90,7 +90,7 @@ class TrialView:
                 self.run(False)
 
     def play(self) -> None:
-        """Advance time while it runs; ends with Ctrl-C."""
+        """Advance time while :attr:`plays` is set; ends with Ctrl-C."""
         before = time.monotonic()
         while True:
             time.sleep(1.0 / FRAMES_PER_S)
@@ -153,12 +153,12 @@ def jumps(replay: Replay) -> dict[str, float]:
 
 
 def troubles(replay: Replay) -> list[float]:
-    """Return the times in s at which something touched, or the work on a goal ended that was missed."""
+    """Return the times in s at which contacts began or missed goals ended."""
     return [touch.time_s for touch in replay.contacts] + [goal.end_s for goal in replay.goals if goal.failed]
 
 
 def in_words(event: Mapping[str, object]) -> str:
-    """Return an event without its time in one line."""
+    """Return an event as one line, without its time."""
     short = {k: v for k, v in event.items() if k not in ("name", "time_s") and isinstance(v, str | int)}
     return ", ".join([str(event["name"]), *(f"{key} {value}" for key, value in short.items())])
 

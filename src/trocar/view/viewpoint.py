@@ -15,16 +15,16 @@ from trocar.view.mesh import solid_mesh
 ELEVATION_RAD = math.radians(33.0)
 FIELD_RAD = math.radians(34.0)  # from the upper to the lower edge; narrow, so that parallel edges stay nearly parallel
 MARGINS = (0.10, 0.22, 0.15)
-"""Shares of half the picture's height above and below, and of half its width at either side, that are left free; the
-page's title stands below."""
+"""Margins: shares of half the picture's height above and below, and of half its width at either side. The page's title
+is in the lower one."""
 FOR_BOARDS, FOR_PORTS = 1.6, 1.35
-"""The camera goes at most so many times as far away to have boards, then ports, in the picture too."""
+"""The camera's distance grows by at most these factors to have boards, then ports, in the picture too."""
 LABEL, ROW = 0.24, 0.09
 """Height of an arm's label above its tip, and of a row of letters, in radii of the workspace."""
 HANDLING_M = 0.04  # a tip this close to objects handles them
-OBJECT_M = 0.01  # half of an object whose middle is in the workspace
+OBJECT_M = 0.01  # half the assumed size of an object
 ASPECT = 1.5  # of a window, or narrower
-BESIDE_PANEL = 1.0  # likewise, of what a page's panel leaves
+BESIDE_PANEL = 1.0  # likewise, of what a page's panel leaves free
 MIN_RADIUS_M = 0.03
 STEP_RAD = math.radians(45.0)  # steps of the camera's azimuth: boards and tables are aligned with axes
 UPRIGHT = 0.5  # instruments that lean forwards or backwards by less than this tangent count as upright
@@ -56,14 +56,13 @@ class Viewpoint:
 def viewpoint(
     replay: Replay, film: Film, aspect: float = ASPECT, *, live: bool = False, below: float = MARGINS[1]
 ) -> Viewpoint:
-    """Return the viewpoint of a window of this aspect ratio; ``below`` in place of that of ``MARGINS``.
+    """Return the viewpoint of a window of this aspect ratio; ``below`` replaces the lower one of ``MARGINS``.
 
     The workspace is where objects are, and tips near them. The camera looks across the line from arm to arm, or across
-    a single arm: along it, one would hide the other, or its own tip. Of the two sides it takes the one that the
-    instruments lean away from; if they lean to neither, the side of negative y. It is as near as possible with the
-    workspace, all tips and their labels in the picture, between ``MARGINS``; boards and the arms' ports are in it too,
-    unless the camera had to go too far away for them. If it is ``live``, and nobody knows where the arms will go, the
-    workspace is wherever anything is now.
+    a single arm: along it, one arm would hide the other, or its own tip. It stands on the side that the instruments
+    lean away from; if they lean to neither, on that of negative y. It is as near as possible with the workspace, all
+    tips and their labels within ``MARGINS``. Boards and ports are in the picture too, unless the camera would have to
+    be too far away. For a ``live`` view, whose future motion is unknown, the workspace is wherever anything is now.
     """
     tips = _tips(replay, film)
     near = _handling(tips, objects(replay, film), math.inf if live else HANDLING_M)
@@ -89,7 +88,7 @@ def viewpoint(
 def _eye(
     points_m: NDArray[np.float64], axes: NDArray[np.float64], aspect: float, margins: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """Return the nearest place (3,) of a camera with these points (n, 3) between its margins.
+    """Return the nearest position (3,) of a camera that has these points (n, 3) within its margins.
 
     Args:
         points_m: in the world.
@@ -113,7 +112,7 @@ def _eye(
 
 
 def _thick(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the corners (n, 3) of objects about their middles (m, 3)."""
+    """Return points (6m, 3) on the surfaces of objects with these middles (m, 3)."""
     return np.concatenate([points_m + sign * OBJECT_M * np.eye(3)[k] for k in range(3) for sign in (-1, 1)])
 
 
@@ -145,7 +144,7 @@ def _right(arms_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _from_middle(replay: Replay, film: Film, arm: str, centre_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean position (2,) of an arm, with equal weights for its solids; 0 if it has none."""
+    """Return an arm's mean position (2,) from the workspace's middle, its solids weighted equally; 0 without any."""
     ticks = film.ticks[np.linspace(0, len(film.ticks) - 1, MOMENTS).astype(int)]
     centres = []
     for solid in (solid for solid in replay.solids if solid.body.startswith(arm)):
@@ -172,7 +171,7 @@ def objects(replay: Replay, film: Film) -> NDArray[np.float64]:
 
 
 def _handling(tips_m: NDArray[np.float64], objects_m: NDArray[np.float64], near_m: float) -> NDArray[np.float64]:
-    """Return objects (n, 3) and tips so near them; all tips if there are no objects, the origin if there is neither."""
+    """Return objects (n, 3) and tips near them; without objects all tips; without tips either, the origin."""
     if not len(objects_m):
         return tips_m if len(tips_m) else np.zeros((1, 3))
     low, high = objects_m.min(0) - near_m, objects_m.max(0) + near_m
