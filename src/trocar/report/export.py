@@ -68,7 +68,7 @@ class FlatTable:
         write_table(path, [column.name for column in self.columns], zip(*cells, strict=True))
 
     def write_parquet(self, path: str | Path) -> None:
-        """Write it as Parquet, its mark in the file's metadata; raises as ``writing`` does."""
+        """Write it as Parquet, with Trocar's mark in the metadata; raises as ``writing`` does."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -78,7 +78,7 @@ class FlatTable:
         kind = f"table of {self.name}"
         with writing(path, kind) as draft, pq.ParquetWriter(draft, filled.schema, store_schema=False) as file:
             file.write_table(filled)
-            file.add_key_value_metadata({MADE_BY: mark_of(kind)})  # at the very end of the file, where it is searched
+            file.add_key_value_metadata({MADE_BY: mark_of(kind)})  # at the end, where the mark is looked for
 
 
 _SHOWN: dict[Kind, Callable[[Any], str]] = {
@@ -323,9 +323,9 @@ _KINDS = {
 
 
 def samples_of(trial: Trial) -> FlatTable:
-    """Return a row for each tick: time; of each arm joints, jaw and tip of all kinds; pose of each free body.
+    """Return a row for each tick: time, each arm's joints, jaw and tip of all kinds, and each free body's pose.
 
-    Tips are in the world: the true one by the arm's true base, all others by the base as it was registered.
+    Tips are in the world: the true one by the arm's true base, all others by its registered base.
     """
     times = trial.times_s
     found: list[tuple[Column, NDArray[Any]]] = [

@@ -31,7 +31,7 @@ from trocar.report.timechart import draw_timechart
 
 
 def report_of(trial: Trial) -> TaskReport:
-    """Return what a trial's task adds to a report; nothing, if the task is not registered here."""
+    """Return what a trial's task adds to a report; an empty report if the task is not registered here."""
     name = str(trial.about["task"])
     return task_report(TASKS[name]) if name in TASKS else TaskReport()
 
@@ -89,7 +89,7 @@ def write_report(
 
 
 def shown_replay(trial: Trial, report: TaskReport) -> Replay:
-    """Return a trial's replay, its bodies in the colours that its task has for people."""
+    """Return a trial's replay, its bodies in the colours that its task defines for people."""
     replay = trial.replay()
     return replace(replay, solids=painted(replay.solids, report.colours))
 
@@ -123,7 +123,7 @@ def _pictures(folder: Path, trials: Sequence[Trial], report: TaskReport) -> list
 
 
 def _chart(folder: Path, trial: Trial) -> Captioned | None:
-    """Draw where the time of a trial went; None if it noted nothing."""
+    """Draw the time chart of a trial; None if its script noted no spans."""
     if not trial.spans:
         return None
     chart = draw_timechart(trial, folder / "timechart.png", title=f"Time chart, {names_of(trial.about)}")

@@ -98,7 +98,7 @@ class Captioned:
 
     Attributes:
         path: of its file.
-        alt: what it shows, for those who do not see it.
+        alt: what it shows, for readers who cannot see it.
         caption: below it.
     """
 
@@ -140,7 +140,7 @@ def bullets(lines: Iterable[str]) -> str:
 def table(printed: Table, compact: bool = False) -> str:
     """Return a console table as HTML, its title as a heading, the first cell of each row as its header.
 
-    Rows in bold are marked as our own, dim ones as quiet; ``compact`` sets it in smaller type.
+    Bold rows are marked as our own, dim rows are greyed; ``compact`` sets the table in smaller type.
     """
     columns = list(printed.columns)
 
@@ -168,7 +168,7 @@ class Column:
     Attributes:
         name: its heading.
         number: whether it holds numbers.
-        link: where a click on the heading leads, in order to sort; empty: nowhere.
+        link: address of the page sorted by this column; empty: none.
         order: ``ascending`` or ``descending`` if rows are sorted by it.
     """
 
@@ -179,10 +179,10 @@ class Column:
 
 
 def listing(columns: Sequence[Column], rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
-    """Return a table of cells in HTML, the second one the row's header if the first column has no name, else the first.
+    """Return a table of HTML cells. A row's header is its first cell, or its second if the first column has no name.
 
-    ``notes`` has a sentence in HTML for each row, under it; empty: none. On a narrow screen each row becomes a card,
-    whose lines begin with the names of the columns.
+    ``notes`` has an HTML sentence to go below each row; empty: none. On a narrow screen each row becomes a card, whose
+    lines begin with the names of the columns.
     """
     head = 0 if columns[0].name else 1
     top = "".join(

@@ -60,7 +60,7 @@ def course(figure: Figure, paths: Mapping[str, TimedPath | Trajectory], joints: 
 
 
 def draw_motion(parts: Mapping[str, tuple[Sequence[str], Derivatives]], path: str | Path) -> Path:
-    """Draw each part (joints, tip: its signals' names and their motion) as a column of four charts; return the path."""
+    """Draw joints and tip, each given by its signals' names and motion, as columns of four charts; return the path."""
     path = Path(path)
     with style.figure(5.2 * len(parts), 7.6, path) as figure:
         grid = figure.subplots(len(DERIVATIVES), len(parts), sharex=True, squeeze=False)
@@ -83,7 +83,7 @@ def _column(
     labels: Sequence[str],
     linewidth: float = 1.1,
 ) -> None:
-    """Draw signals (n, joints) one below the other over time; those that end earlier have fewer rows."""
+    """Draw signals (n, joints) one below the other over time; a signal that ends earlier has fewer rows."""
     for axes, values, label in zip(column, rows, labels, strict=True):
         for k, name in enumerate(names):
             look = {"linewidth": linewidth, "color": style.SERIES[k % len(style.SERIES)]}
@@ -93,7 +93,7 @@ def _column(
 
 
 PLOTS: Registry[Mapping[type, Callable[..., Picture]]] = Registry("plot", "trocar.plots")
-"""Pictures of values that belong to a task: its types, each with a function that draws it."""
+"""Plots that tasks and packages add: types of values, each with a function that draws them."""
 
 
 @singledispatch
@@ -110,7 +110,7 @@ def plot(thing: Any, **options: Any) -> Picture:
     table of types and functions that draw them.
 
     Raises:
-        TrocarError: it has no picture.
+        TrocarError: values of this type have no picture.
     """
     for kinds in PLOTS.values():
         for kind, draw in kinds.items():

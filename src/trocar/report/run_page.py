@@ -69,7 +69,7 @@ def write_page(
         failed: all goals that were not reached; pictures of some of them.
         failed_pictures: these pictures.
         storyboard: pictures of the first trial, and others that a task draws.
-        timechart: what took the time; None: nothing was noted.
+        timechart: of the first trial; None: its script noted no spans.
         notes: sentences that a reader must know.
         strange: sentences about what is missing or unexpected.
         command: that repeats the run.
@@ -218,9 +218,9 @@ FILE = "FILE"
 
 
 def command_of(about: Mapping[str, Any], sessions: int, trials: int) -> str:
-    """Return the command that runs the same trials again (``trials`` a session), ``FILE`` for each file given.
+    """Return the command that runs the same trials again, with ``FILE`` in place of each file that was given.
 
-    ``about`` is a trial's: what distinguishes its run from others.
+    ``about`` is a trial's: what distinguishes its run from others. ``trials`` are per session.
     """
     task = TASKS[about["task"]] if about["task"] in TASKS else None  # noqa: SIM401 (a registry has no get)
     if about["method"] == CLIENT:

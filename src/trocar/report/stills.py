@@ -35,7 +35,7 @@ def can_photograph() -> bool:
 
 
 def photographer_of(trial: Trial, report: TaskReport, scale: float = 1.0) -> OffscreenCamera:
-    """Return what draws pictures of a trial, 640 pixels wide times ``scale``, from the viewpoint that its task defines.
+    """Return the camera that draws a trial, 640 pixels wide times ``scale``, from the viewpoint that its task defines.
 
     Raises:
         TrocarError: the simulator is not installed.
@@ -102,7 +102,7 @@ def failed_goals(trials: Sequence[Trial], report: TaskReport) -> list[Failed]:
 
 
 def picked(failed: Sequence[Failed], most: int) -> list[Failed]:
-    """Return those that get a picture, in order: the first of each kind of failure, then the second, and so on."""
+    """Pick at most this many, in turn from each kind of failure; return them in order of trial and goal."""
     by_name = groupby(sorted(failed, key=lambda one: one.failure), key=lambda one: one.failure)
     in_turn = chain.from_iterable(zip_longest(*(list(group) for _, group in by_name)))
     chosen = [one for one in in_turn if one is not None][:most]
@@ -114,7 +114,7 @@ def draw_failed(
 ) -> list[Captioned]:
     """Draw a picture of each failed goal at the moment that shows its failure, and return them.
 
-    Each trial is read once. With ``draw`` off (the simulator is not installed), return those that were drawn before.
+    Each trial is read once. With ``draw`` off (no simulator is installed), return the pictures that exist already.
     """
     found = []
     for place, of_trial in groupby(failed, key=lambda one: one.place):

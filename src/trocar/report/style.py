@@ -62,7 +62,7 @@ def picture(draw: Callable[[Figure], None], *, placed: bool = False) -> Picture:
 
     Args:
         draw: draws into an empty figure.
-        placed: whether it says where all axes are.
+        placed: whether it places all axes itself.
     """
     with mpl.rc_context(RC):
         drawn = Picture(layout=None if placed else "constrained")
@@ -79,8 +79,8 @@ def figure(width_in: float, height_in: float, path: str | Path, *, placed: bool 
         width_in: its width.
         height_in: its height.
         path: of the picture.
-        placed: whether the block says where all axes are. Else they get room as their texts need it, which takes as
-            long as drawing does; so a placed figure is also compressed faster, into a file that is a tenth larger.
+        placed: whether the block places all axes itself. Otherwise they are laid out by the room that their texts need,
+            which takes as long as drawing. A placed figure is also compressed faster, into a file a tenth larger.
     """
     path = Path(path)
     layout, options = (None, {"pil_kwargs": {"compress_level": 2}}) if placed else ("constrained", {})

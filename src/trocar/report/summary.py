@@ -40,10 +40,11 @@ class Summary(dict[str, Any]):
 
 
 def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summary:
-    """Return the content of ``summary.json`` (keys: docs, "Files of a run"); times of an empty run are None.
+    """Return the content of ``summary.json`` (keys: docs, "Files of a run").
 
     ``mean_time_s`` is the completion time over the number of goals, as in the paper's tables; ``parts_s`` adds up to
-    it, averaged over the arms that worked. ``report`` is what the task adds.
+    it, averaged over the working arms. Without attempted goals, it and ``success_rate`` are None. ``report`` is what
+    the task adds.
     """
     if not trials:
         raise InvalidInput("there", "are no finished trials to summarise", "run some with `trocar run`")
@@ -119,7 +120,7 @@ def _parts(trials: Sequence[Trial], count: int, order: Sequence[str]) -> dict[st
 def _compute(trials: Sequence[Trial]) -> tuple[dict[str, Mapping[str, float]], float]:
     """Return p50 and p95 of each computation in ms, and the share that took longer than its budget.
 
-    Both as on the machine for which the budgets were declared.
+    Both are converted to the machine for which the budgets were declared.
     """
     times: dict[str, list[float]] = {}
     missed = total = 0

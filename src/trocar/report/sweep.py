@@ -31,7 +31,7 @@ RUN_KEYS = tuple(
     f.name for f in fields(RunConfig) if f.init and f.name not in ("task", "method", "seed", "flaws", "plugins")
 )
 COMPENSATED_ALONE = ("model", "calibration", "prior", "new_session", "refit_offsets")
-"""Options that only methods with a calibration have; a sweep gives them to no other."""
+"""Options of methods with a calibration; a sweep does not give them to others."""
 NOTES = (
     "intervals of 95 %, over sessions: success beta-binomial, collisions Student's t; all conditions had the same "
     "sessions and scenes",
@@ -46,8 +46,8 @@ class Point:
 
     Attributes:
         method: name of the method.
-        flaw: its name; empty in a sweep of methods alone.
-        scale: its size, as a multiple of the recorded one.
+        flaw: name of the flaw; empty in a sweep of methods only.
+        scale: the flaw's size, as a multiple of the recorded one.
         conditions: its runs; identical ones are shared by several points.
     """
 
@@ -72,11 +72,11 @@ class Point:
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a sweep's file says; see ``examples/sweep.toml``.
+    """The content of a sweep's file; see ``examples/sweep.toml``.
 
     Attributes:
         task: with its options.
-        methods: names; empty: all that the task has.
+        methods: names; by default all that the task has.
         seeds: each draws sessions of its own.
         flaws: sizes of each flaw that is varied, as multiples of what was recorded.
         run: other options of its runs, as in ``RunConfig``.
@@ -124,7 +124,7 @@ class Sweep:
         )
 
     def points(self, folder: str | Path, plugins: Sequence[str] = ()) -> list[Point]:
-        """Return the points of the curves; each run has a folder in that of the sweep."""
+        """Return the points of the curves; each run has a folder in the sweep's folder."""
         difficulty = self.run.get("difficulty", "recorded")
         conditions: dict[Path, Condition] = {}
         points = []
@@ -149,7 +149,7 @@ class Sweep:
 
 
 def _named(flaw: str, scale: float, difficulty: str) -> tuple[str, ...]:
-    """Return a flaw of a size that the laboratory does not have anyhow, in the form that ``--flaw`` takes."""
+    """Return a flaw of this size as ``--flaw`` takes it; empty if the difficulty includes that size already."""
     if not flaw or (difficulty != MILD and Difficulty.of(difficulty).scale(flaw) == scale):
         return ()
     kind = FLAWS[flaw]

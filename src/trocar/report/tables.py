@@ -34,7 +34,7 @@ def table_of(
 
 
 def brief_flaws(flaws: Mapping[str, str]) -> str:
-    """Return the difficulty of a run's laboratory and only what differs from it; ``flaws`` as in ``summary.json``."""
+    """Return the difficulty of a run's laboratory and what differs from it; ``flaws`` as in ``summary.json``."""
     if "difficulty" not in flaws:
         return "; ".join(["a real robot: its flaws are its own", *(f"{what} {how}" for what, how in flaws.items())])
     level, *named = flaws["difficulty"].split(", ")
@@ -110,12 +110,12 @@ def parts_table(summary: Mapping[str, Any]) -> Table:
 
 
 def figure(value: float | None) -> str:
-    """Return a number with two decimals as text, a dash where there is none."""
+    """Return a number with two decimals as text; a dash for None."""
     return "-" if value is None else f"{value:.2f}"
 
 
 def percent(share: float | None) -> str:
-    """Return a share as text, a dash where there is none."""
+    """Return a share in % as text; a dash for None."""
     return "-" if share is None else f"{100 * share:z.1f} %"
 
 

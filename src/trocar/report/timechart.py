@@ -67,9 +67,8 @@ def draw_timechart(trial: Trial, path: str | Path, title: str = "Time chart") ->
 def chart(figure: Figure, trial: Trial, title: str = "Time chart") -> None:
     """Draw one row per goal and arm, coloured by what was done; the figure grows with the rows.
 
-    Spans without a goal are "start" before an arm's first goal, "end" after its last one, and "between" otherwise,
-    where pauses are left out. The legend counts every moment of an arm once, as tables do (``parts_of``); bars may
-    overlap.
+    Spans without a goal are in the rows "start" before an arm's first goal, "end" after its last one, and otherwise
+    "between", where pauses are left out. The legend counts each moment of an arm once (``parts_of``); bars may overlap.
     """
     spans, turns, piece = sorted(trial.spans, key=lambda span: span.start_s), turns_of(trial), trial.goal_noun
     if not spans:

@@ -1,4 +1,4 @@
-"""Videos of trials, drawn as its pictures are: a short animation for a page, and the whole trial for a talk."""
+"""Videos of trials, drawn like their pictures: a short animation for a page, and the whole trial for a talk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Addresses of the pages, which follow the folders of runs, and of moments in a replay."""
+"""Addresses of the pages, which mirror the folders of runs, and of moments in a replay."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from trocar.report.browse.shelf import Run
 ALL = "/"
 REPORT, REPLAY = "report.html", "replay.html"
 LEAD_S = 2.0
-"""A replay begins so long before the moment that is asked for, so that one sees it come."""
+"""A replay starts this long before the requested moment, so that the viewer sees what leads to it."""
 
 
 def of_run(run: Run) -> str:
@@ -18,7 +18,7 @@ def of_run(run: Run) -> str:
 
 
 def of_trial(run: Run, session: int, index: int, goal: int | None = None) -> str:
-    """Return the address of a trial's page; with a goal's number its replay begins there."""
+    """Return the address of a trial's page; with a goal's number, its replay starts at that goal."""
     asked = "" if goal is None else f"?goal={goal}"
     return f"{of_run(run)}session_{session:02d}/trial_{index:03d}/{asked}"
 

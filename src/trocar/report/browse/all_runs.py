@@ -16,12 +16,12 @@ from trocar.report.browse.shelf import Run
 from trocar.report.page import Column, document, link, listing
 
 MOST = 2
-"""Remarks beside a run."""
+"""Maximum number of remarks beside a run."""
 
 
 @dataclass(frozen=True)
 class Property:
-    """A column: its heading, how a run is shown in it (HTML), and by what runs are sorted (None: unknown, last)."""
+    """A column: its heading, its cell for a run (HTML), and the key to sort runs by (None: unknown, sorted last)."""
 
     name: str
     shown: Callable[[Run], str]
@@ -49,15 +49,15 @@ PROPERTIES = {
     "collisions": _figure("collisions per trial", "collisions_per_trial"),
     "version": Property("version", lambda run: whole(run.version), lambda run: run.version or None),
 }
-"""The columns, by the names that they have in the page's address."""
+"""The columns, by their names in the page's address."""
 
 
 def all_runs_page(runs: Sequence[Run], folders: Sequence[str | Path], by: str, down: bool) -> str:
     """Return the page of all runs.
 
     Args:
-        runs: that were found.
-        folders: in which they were looked for.
+        runs: the runs found.
+        folders: the folders searched.
         by: which of ``PROPERTIES`` they are sorted by.
         down: whether the largest comes first.
     """

@@ -1,4 +1,4 @@
-"""Parts that several of the pages have: figures of a run as text, and what became of goals."""
+"""Parts that several pages share: figures of a run as text, and the outcomes of goals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trocar.report.tables import figure, percent
 
 
 def how_many(run: Run) -> str:
-    """Return sessions and trials: ``3 × 2`` if each session has as many; empty without trials."""
+    """Return sessions and trials: ``3 × 2`` if each session has as many, else ``5 in 3``; empty without trials."""
     if not run.figures:
         return ""
     sessions, trials = run.figures["sessions"], run.figures["trials"]
@@ -37,7 +37,7 @@ def figure_of(run: Run, key: str) -> str:
 
 
 def remarks(run: Run) -> list[str]:
-    """Return what is wrong with a run; its folder, which stands beside them, is left out of names of files."""
+    """Return what is wrong with a run, with file names relative to its folder, which is shown beside the remarks."""
     return [said.replace(f"{run.folder}{os.sep}", "") for said in run.remarks]
 
 
@@ -52,5 +52,5 @@ def flagged(text: str) -> str:
 
 
 def whole(text: object) -> str:
-    """Return text that is not broken into lines, in HTML; empty if there is none."""
+    """Return text that does not wrap, in HTML; empty if there is none."""
     return f"<span class=whole>{escape(str(text))}</span>" if text else ""

@@ -17,11 +17,11 @@ from trocar.report.stills import failed_goals, picked
 from trocar.report.tables import came_of, failure_counts, failures_table, reached
 
 MOST = 100
-"""Failures in the list; of more, some of each kind are shown."""
+"""Maximum number of failures in the list; of more, some of each kind are shown."""
 
 
 def one_run_page(run: Run, others: Sequence[Run]) -> str:
-    """Return the page of a run; ``others`` met the same sessions."""
+    """Return the page of a run; ``others``: runs in the same sessions."""
     about = run.about
     told = {"station": about.get("station"), "difficulty": run.difficulty, "seed": about.get("seed")}
     told["Trocar"] = run.version
@@ -58,7 +58,7 @@ def _failures(run: Run) -> str:
 
 
 def _stopped(run: Run) -> Iterator[list[str]]:
-    """Yield a row for each trial whose script did not come to its end."""
+    """Yield a row for each trial whose script did not finish."""
     for trial in run.trials:
         if not trial.finished:
             address = addresses.of_trial(run, trial.about["session"], trial.about["index"])

@@ -1,4 +1,4 @@
-"""The page of one trial: its replay, which begins at its first failure, and moments to jump to."""
+"""The page of one trial: its replay, which starts at its first failure, and moments to jump to."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from trocar.report.run_page import place_of
 from trocar.report.tables import came_of, goal_name, reached, reason_of
 
 MOST = 200
-"""Collisions in the list."""
+"""Maximum number of collisions in the list."""
 
 
 def one_trial_page(run: Run, trial: Trial, asked: Mapping[str, str]) -> str:
@@ -29,7 +29,7 @@ def one_trial_page(run: Run, trial: Trial, asked: Mapping[str, str]) -> str:
     Args:
         run: of the trial.
         trial: with its arrays.
-        asked: where its replay is to begin: ``goal``, its number; ``end``; neither: the first failure.
+        asked: where the replay starts: ``goal`` (its number) or ``end``; neither: the first failure.
     """
     session, index = trial.about["session"], trial.about["index"]
     report = report_of(trial)
@@ -65,7 +65,7 @@ def _links(run: Run, session: int, index: int) -> str:
 
 
 def _begin_s(trial: Trial, moments_s: Sequence[float], asked: Mapping[str, str]) -> float:
-    """Return the time at which the replay begins; what is asked for in vain begins at 0 s."""
+    """Return the time at which the replay starts; 0 s if there is no such goal, or no failure."""
     if "end" in asked:
         return trial.duration_s
     goal = asked.get("goal", "")
@@ -89,7 +89,7 @@ def _player(begin_s: float) -> str:
 
 
 def _goals(trial: Trial, report: TaskReport, moments_s: Sequence[float]) -> str:
-    """Return a row for each goal, failures first; a click lets the replay jump."""
+    """Return a row for each goal, failures first; a click makes the replay jump there."""
     order = sorted(range(len(trial.scores)), key=lambda k: bool(trial.scores[k]["succeeded"]))
     rows, notes = [], []
     for k in order:

@@ -1,4 +1,4 @@
-"""Serves the pages to this machine alone, and makes a replay when somebody wants to see it."""
+"""Serves the pages to this machine only, and makes replays on demand."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ from trocar.report.page import document, link
 LOCAL = "127.0.0.1"
 """Only programs on this machine can reach a server at this address."""
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-src 'self'; form-action 'self'"
-"""What a browser lets these pages do; a run's own report and replays carry theirs."""
+"""Security policy that the server sends with its own pages. It sends none with a run's report or a replay; replays
+contain their own."""
 
 
 class BrowseServer:
-    """Pages of a shelf on a server that only this machine can reach: a context manager.
+    """Pages of a shelf on a server that only this machine can reach; a context manager.
 
     Args:
         shelf: the runs.
@@ -62,7 +63,7 @@ class BrowseServer:
 
     @property
     def address(self) -> str:
-        """Return where a browser finds the table."""
+        """Return the address of the table of all runs."""
         return f"http://{LOCAL}:{self._server.server_port}/"
 
     def wait(self) -> None:
@@ -70,10 +71,10 @@ class BrowseServer:
         self._thread.join()
 
     def page(self, address: str) -> str | Path:
-        """Return the page at an address, or a file that is one.
+        """Return the page at an address, or the path of its file.
 
         Raises:
-            InvalidInput: there is none.
+            InvalidInput: there is no such page.
         """
         parts = urlsplit(address)
         asked, runs = parse_qs(parts.query), self.shelf.runs()
@@ -99,7 +100,7 @@ class BrowseServer:
         raise InvalidInput(f"page {address!r}", "does not exist", "begin at the table of all runs")
 
     def _replay(self, trial: Path) -> Path:
-        """Return the replay of a trial, made now unless it has been since the trial was written."""
+        """Return the replay of a trial; make it unless one was made of the same version of the trial's file."""
         try:
             from trocar.view.replay import write_replay  # an extra
         except ImportError:
@@ -129,7 +130,7 @@ def _comparable(run: Run, runs: Sequence[Run]) -> list[Run]:
 
 
 def _number(text: str, prefix: str) -> int:
-    """Return the number in a folder's or file's name; -1, which no trial has, if it is none."""
+    """Return the number in a folder's or file's name; if there is none, -1, which no trial has."""
     number = text.removeprefix(prefix)
     return int(number) if text.startswith(prefix) and number.isdecimal() else -1
 
@@ -145,7 +146,7 @@ def _bound(port: int, handler: type[BaseHTTPRequestHandler]) -> ThreadingHTTPSer
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers a browser with pages; whatever is wrong with a run is a sentence on one."""
+    """Answers a browser with pages; an error becomes a sentence on a page."""
 
     pages: BrowseServer
     protocol_version = "HTTP/1.1"
@@ -156,7 +157,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _found(self) -> tuple[HTTPStatus, bytes, str]:
         """Return status, page and policy."""
-        if self.headers.get("Host", "").rpartition(":")[0] not in (LOCAL, "localhost"):  # another site's name for it
+        if self.headers.get("Host", "").rpartition(":")[0] not in (LOCAL, "localhost"):  # another site's name
             return HTTPStatus.FORBIDDEN, _refused("this address belongs to another site"), POLICY
         try:
             found = self.pages.page(self.path)
@@ -178,7 +179,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing: what a browser asks for is no news."""
+        """Log nothing."""
 
 
 def _refused(sentence: str) -> bytes:

@@ -1,4 +1,4 @@
-"""The runs below some folders, with what their trials' headers say; what has not changed is not read again."""
+"""The runs below some folders, from their trials' headers; unchanged files are not read again."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.report.summary import summarise
 
 KEYS = ("sessions", "trials", "goal_noun", "attempted", "succeeded", "success_rate", "success_ci95", "mean_time_s")
 KEYS += ("collisions_per_trial", "completion_time_s", "complete_trials")
-"""What of a run's summary its row holds."""
+"""Keys of a run's summary that its row contains."""
 
 BEGUN = "no trial is finished yet; the command that started the run does the rest"
 
@@ -27,9 +27,9 @@ class Run:
     """A run as it was found.
 
     Attributes:
-        name: its folder, below the folder that all runs have in common.
+        name: its folder, relative to the folder that all runs have in common.
         folder: absolute.
-        about: what distinguishes it from other runs, by its trials or else its record; may lack anything.
+        about: what distinguishes it from other runs, from its first trial or else its record; any key may be missing.
         trials: the usable ones, in order, without arrays, spans and events.
         remarks: sentences on what is missing or cannot be used.
         figures: of ``KEYS``, as in ``summary.json``; empty without a trial.
@@ -80,7 +80,7 @@ class Shelf:
     """Finds and reads the runs below some folders.
 
     Args:
-        folders: to be searched; a run's own folder is one too.
+        folders: to be searched; a run's own folder will do too.
 
     Raises:
         BadFile: there is no such folder.
@@ -97,7 +97,7 @@ class Shelf:
         self._made: dict[Path, tuple[object, Run]] = {}
 
     def runs(self, tick: Tick = untold) -> list[Run]:
-        """Return all runs by name, as they are now; trials that were added or changed since the last call are read."""
+        """Return all runs as they are now, sorted by folder; read only trials that are new or have changed."""
         with self._lock:
             folders = sorted({found for folder in self.folders for found in _runs_below(folder)})
             total, done = sum(len(trial_files(folder)) for folder in folders), 0
@@ -122,7 +122,7 @@ class Shelf:
             return runs
 
     def _trial(self, path: Path) -> Trial:
-        """Return a trial without what no table needs; raise again what was wrong with a file that has not changed."""
+        """Return a trial without what no table needs; for an unchanged bad file, raise the same error again."""
         stamp = _stamp(path)
         kept = self._read.get(path)
         if kept is None or kept[0] != stamp:
@@ -136,7 +136,7 @@ class Shelf:
         return kept[1]
 
     def _run(self, name: str, folder: Path, trials: list[Trial], strange: list[str]) -> Run:
-        """Return a run; its interval is not computed again for the same trials."""
+        """Return a run; for the same trials, its figures are not computed again."""
         key = (_stamp(folder / RECORD), [id(trial) for trial in trials], strange)
         if folder not in self._made or self._made[folder][0] != key:
             self._made[folder] = key, _made(name, folder, trials, strange)
@@ -164,14 +164,14 @@ def _made(name: str, folder: Path, trials: list[Trial], strange: list[str]) -> R
         return Run(name, folder, about, remarks=strange or [BEGUN])
     try:
         summary = summarise(trials)
-    except (KeyError, TypeError, ValueError) as error:  # of headers whose values nothing else checks
+    except (KeyError, TypeError, ValueError) as error:  # from headers, whose values nothing else checks
         return Run(name, folder, about, remarks=[*strange, f"its trials cannot be summed up ({error})"])
     figures = {key: summary[key] for key in KEYS}
     return Run(name, folder, trials[0].about, trials, [*strange, *still_to_do(folder, len(trials))], figures)
 
 
 def _runs_below(folder: Path) -> Iterator[Path]:
-    """Yield the folders of runs in and below a folder: with a record or trials; those of sessions are not entered."""
+    """Yield the runs' folders in and below a folder: those with a record or trials. Skip their sessions' folders."""
     for place, inside, files in os.walk(folder):
         sessions = [name for name in inside if name.startswith("session_")]
         if RECORD in files or (sessions and trial_files(place)):
@@ -181,7 +181,7 @@ def _runs_below(folder: Path) -> Iterator[Path]:
 
 
 def _stamp(path: Path) -> tuple[int, int]:
-    """Return what changes when a file does; zeros if it is not there."""
+    """Return a file's time of modification and size; zeros if it does not exist."""
     try:
         found = path.stat()
     except OSError:

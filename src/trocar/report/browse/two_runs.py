@@ -17,7 +17,7 @@ from trocar.report.page import Column, document, link, listing, paragraph, secti
 from trocar.report.tables import failure_counts
 
 SETTINGS = ("variant", "method", "model", "calibration", "prior", "planner", "perception", "set", "options", "seed")
-"""What two runs may have chosen differently; the rows in which they did are shown."""
+"""Settings in which two runs may differ; only those in which they do are shown."""
 EXPLAINED = (
     "Differences, first run minus second, are means over the sessions that both have, with their 95 % intervals. p is "
     "the probability of one at least as far in favour of the first by chance."
@@ -102,7 +102,7 @@ def _failures(one: Run, two: Run) -> list[str]:
 
 
 def _sessions(one: Run, two: Run) -> list[str]:
-    """Return how many goals were reached in each session of both, those first in which the runs differ most."""
+    """Return how many goals were reached in each session of both runs, the largest difference first."""
     found = [_by_session(run) for run in (one, two)]
     both = [session for session in found[0] if session in found[1]]
     gained = {s: found[0][s][0] / max(found[0][s][1], 1) - found[1][s][0] / max(found[1][s][1], 1) for s in both}
@@ -119,7 +119,7 @@ def _sessions(one: Run, two: Run) -> list[str]:
 
 
 def _by_session(run: Run) -> dict[int, tuple[int, int, int]]:
-    """Return of each session how many goals were reached, how many there were, and which trial is worth a look."""
+    """Return for each session the goals reached, the number of goals, and its first trial with a failure, if any."""
     found: dict[int, tuple[int, int, int]] = {}
     failing: set[int] = set()
     for trial in run.trials:

@@ -105,7 +105,7 @@ class PlanView:
         """Draw a plan and serve it at this port; if it is taken, at the next free one.
 
         Raises:
-            NotInstalled: viser is.
+            NotInstalled: viser is not installed.
             OutOfReach: the arm has no solution for a suture.
         """
         self.map, self.plan, self.setup = map, plan, map.setup
@@ -171,7 +171,7 @@ class PlanView:
         turn = np.linspace(0.0, TURN, 181)
         rim = circle.radius_m * np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1) + [0.0, 0.0, 2e-4]
         self._add("/circle/rim", tube(rim, 3e-4, 8), INK)
-        above = (0.0, 0.0, 6e-4)  # tissue and rim, so that it is visible; a picture, because meshes would be shaded
+        above = (0.0, 0.0, 6e-4)  # above tissue and rim; an image, because a mesh would be shaded
         scene.add_image("/circle/rewards", rgba, side_m, side_m, format="png", position=above)
         for number, suture in enumerate(planned, start=1):
             middle = suture.ends_m.mean(0)

@@ -53,7 +53,7 @@ class DebridementReport(TaskReport):
     parts = ("capture", "perception", "planning", "motion", "jaw", "settling", "waiting")
 
     def frame(self, trial: Trial) -> NDArray[np.float64]:
-        """Return where fragments lay at first, and the receptacle with the space above it that arms need."""
+        """Return corners (n, 3) of boxes round the fragments at the start and the receptacle, with space above."""
         walls = [solid for solid in trial.scenery.solids if solid.body == "receptacle"]
         half = np.max([np.abs(w.T_body_solid.translation_m) + w.size_m for w in walls], axis=0)
         middle = trial.scenery.T_world_body["receptacle"].translation_m
@@ -64,7 +64,7 @@ class DebridementReport(TaskReport):
         return np.concatenate([p + np.column_stack([flat, np.full(4, z)]) for p, flat, z in tops])
 
     def measured(self, score: Mapping[str, Any]) -> Mapping[str, float | None]:
-        """Return how often jaws closed for it, and how many failures were recovered."""
+        """Return how often jaws closed on a fragment, and how many failures were recovered."""
         return {"attempts": score["attempts"], "recoveries": score["recoveries"]}
 
     def moments(self, trial: Trial) -> list[tuple[str, float]]:

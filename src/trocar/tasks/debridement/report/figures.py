@@ -121,7 +121,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def rate_of(rows: Sequence[Row], counts: Callable[[Row], Sequence[int]]) -> dict[str, Any]:
-    """Return a rate, of how often something occurred in each trial and out of how many, with its interval."""
+    """Return a rate with its interval; ``counts`` gives a trial's number of events, and out of how many."""
     pairs = [np.sum(values, axis=0) for values in by_session(rows, counts).values()]
     count, of = (int(sum(pair[k] for pair in pairs)) for k in (0, 1))
     return {

@@ -53,8 +53,8 @@ class Column:
     def interval(self, mode: str) -> tuple[float, float]:
         """Return the 95 % interval of that rate (Clopper and Pearson 1934), as if it referred to all fragments.
 
-        The paper gives rates without counts. Those of the robot fit 1 to 4 events in 52 to 58, close enough to the
-        number of fragments; fragments are treated as independent.
+        The paper gives rates without counts. The robot's rates fit 1 to 4 events out of 52 to 58, close enough to the
+        number of fragments. Fragments are treated as independent.
         """
         return clopper_pearson(self.rate(mode) * self.fragments, self.fragments)
 

@@ -31,10 +31,10 @@ MOTION = "motion"
 
 
 def motion_floor_s(trials: Sequence[Trial]) -> dict[str, float]:
-    """Return the mean time per transfer by part, for the arm that moves most in each trial; the parts add up to it.
+    """Return the mean time per transfer by part, for the arm that moves most in each trial.
 
-    ``motion`` among them is the floor, since that arm can do nothing else meanwhile. Planning, looking and jaw actions
-    that overlap with motion cost nothing, and are not counted.
+    The parts add up to that time. ``motion`` alone is its floor, since the arm can do nothing else meanwhile. Planning,
+    perception and jaw actions that overlap with motion cost no time, and are not counted.
     """
     count = sum(len(trial.scores) for trial in trials)
     seconds: dict[str, float] = {MOTION: 0.0}
@@ -46,7 +46,7 @@ def motion_floor_s(trials: Sequence[Trial]) -> dict[str, float]:
 
 
 def floor_sentence(seconds: dict[str, float]) -> str:
-    """Return this as a sentence: the floor, then the parts that explain the gap, the largest first."""
+    """Return ``motion_floor_s`` as a sentence: the floor, then the parts that explain the gap, the largest first."""
     gap = sorted(((s, name) for name, s in seconds.items() if name != MOTION and s >= 0.005), reverse=True)
     parts = ", ".join(f"{name} {s:.2f}" for s, name in gap)
     total = sum(seconds.values())
@@ -164,7 +164,7 @@ class PegReport(TaskReport):
         return float(times[rows[np.diff(blocks, axis=1).min(axis=0).argmin()]])
 
     def moments(self, trial: Trial) -> list[tuple[str, float]]:
-        """Return the first transfer step by step, quarters of the trial, failures."""
+        """Return the moments of the first transfer step by step, every third transfer, and failures."""
         found: list[tuple[str, float]] = [("start", 0.0)]
         if trial.scores:
             found += _first_handover(trial) if trial.about["variant"] == "handover" else _first_transfer(trial)

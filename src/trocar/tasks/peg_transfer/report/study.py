@@ -141,8 +141,8 @@ CLAIMS = (
     _Claim("H4", "optimized", "calibrated", "distance per trial, m", "path_m", less=True),
     _Claim("H4", "best", "optimized", "distance per trial, m", "path_m", less=True),
 )
-"""What is expected; the paper's "optimised" is our ``optimized``. If a study lacks a method, its claims are left
-out."""
+"""The expected differences; the paper's "optimised" is our ``optimized``. Claims about methods that a study lacks are
+left out."""
 SIMILAR = (("optimized", "calibrated"), ("best", "optimized"))
 """H1: pairs whose success rates are expected to be similar."""
 NOTES = (

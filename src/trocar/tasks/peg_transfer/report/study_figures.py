@@ -36,7 +36,7 @@ THINNED = 5
 
 
 class Cells:
-    """The results of a study's conditions, drawn side by side: variants one apart, methods beside each other."""
+    """A study's conditions (cells) on one axis: variants one unit apart, the methods of each side by side."""
 
     def __init__(self, results: Sequence[Results[Row]]):
         self.results = results
@@ -44,7 +44,7 @@ class Cells:
         self.methods = list(dict.fromkeys(result.condition.method for result in results))
 
     def place(self, result: Results[Row]) -> float:
-        """Return where a cell stands on the axis."""
+        """Return a cell's position on the axis."""
         aside = self.methods.index(result.condition.method) - (len(self.methods) - 1) / 2
         return self.variants.index(result.condition.name) + aside * (0.8 / len(self.methods))
 
@@ -53,7 +53,7 @@ class Cells:
         return style.SERIES[self.methods.index(method) % len(style.SERIES)]
 
     def handles(self) -> list[Patch]:
-        """Return what a legend shows."""
+        """Return the handles of a legend."""
         return [Patch(color=self.colour(name), label=name) for name in self.methods]
 
     def name(self, axes: Axes) -> None:

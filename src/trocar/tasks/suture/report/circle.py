@@ -1,4 +1,4 @@
-"""The circle with the sutures of a plan, over rings that show the reward of sutures all round it."""
+"""The circle with a plan's sutures, and rings that show the reward of a suture at each position round it."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def circle(figure: Figure, map: DexterityMap, plan: SuturePlan | None = None, ti
 
     The outer ring is coloured by the dexterity of clockwise sutures, the inner one by that of counterclockwise sutures;
     grey hatching marks positions out of reach in that direction. Arrows are the sutures from entry to exit, or to where
-    the tip stops in the tissue, on the mesh over the defect. Red arcs outside are those without sutures, triangles the
-    fixed positions. The figure is empty; its title is by default the number of sutures and the reward.
+    the tip stops in the tissue, on the mesh over the defect. Red arcs outside the rings are forbidden, triangles mark
+    fixed positions. The figure must be empty; its default title is the number of sutures and the reward.
     """
     setup, norm = map.setup, Normalize(*map.span(np.empty(0) if plan is None else plan.rewards))
     outer = ring_radii_mm(setup).max()
@@ -134,7 +134,7 @@ def _draw_mesh(axes: Axes, setup: SutureSetup) -> None:
 
 
 def _draw_spacing(axes: Axes, plan: SuturePlan, outer: float) -> None:
-    """Draw arcs without sutures, and fixed positions, outside of the rings."""
+    """Draw forbidden arcs and fixed positions outside the rings."""
     if plan.spacing is None:
         return
     for start, end in plan.spacing.forbidden_rad:
@@ -183,7 +183,7 @@ def _draw_angles(axes: Axes, outer: float) -> None:
 
 
 def _draw_port(axes: Axes, what: str, p_circle_m: NDArray[np.float64], outer: float) -> None:
-    """Draw the direction of an arm's port (3,), if it is beside the circle."""
+    """Draw the direction of an arm's port (3,), unless it is right above the circle's centre."""
     place = 1e3 * p_circle_m
     away = math.hypot(place[0], place[1])
     if away < 1e-6:
@@ -221,7 +221,7 @@ def _draw_arrows(axes: Axes, map: DexterityMap, plan: SuturePlan, norm: Normaliz
 
 
 def _shown(reward: float) -> str:
-    """Return a reward as text; none where no joints hold the needle, whose reward is only a very low number."""
+    """Return a reward as text; ``none`` where no joints can hold the needle (``NO_REWARD``)."""
     return f"{reward:.3f}" if reward > NO_REWARD else "none"
 
 
@@ -243,7 +243,7 @@ def _label_sutures(axes: Axes, setup: SutureSetup, plan: SuturePlan) -> None:
 
 
 def apart(plan: SuturePlan) -> list[int]:
-    """Return the sutures to label: the worst and, from there round, each at least ``LABEL_RAD`` from the last one."""
+    """Return the sutures to label: the worst, then round the circle each ``LABEL_RAD`` or more from other labels."""
     worst = int(np.argmin(plan.rewards))
     chosen = [worst]
     for i in (np.arange(1, len(plan.rewards)) + worst) % len(plan.rewards):

@@ -30,9 +30,9 @@ UNSHOWN = ("lower", "withdraw", "rise")
 APART_S = 0.5
 """A step that ends this shortly before the end of the first suture looks the same."""
 REACH, RISE_M = 1.25, 0.018
-"""A picture's frame: this many radii of the circle, and as high over the phantom as a needle in the jaws."""
+"""A picture's frame: its radius in radii of the circle, and its height, that of a needle in the jaws."""
 SECOND = ("grasp tip", "pull through", "hand over")
-"""Steps in which a second arm has a part: pictures show the first time that each is done."""
+"""Steps that involve a second arm; pictures show the first time that each is done."""
 NO_TISSUE = "no tissue mechanics: the phantom carries the needle and slows it by viscous drag, and is not solid"
 BY_PERSON = (
     "the jaws hold the needle by friction; a person pulls it out and loads it again, exactly, before each suture"

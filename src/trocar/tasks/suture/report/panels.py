@@ -41,7 +41,7 @@ MARGIN_UNITS = {
 }
 
 REASONS_AT = {"left": 0.108, "right": 0.966, "top": 0.969, "bottom": 0.053, "hspace": 0.22}
-"""Where the panels of a plan's reasons are in the picture: shares of it."""
+"""Edges and spacing of the panels in ``draw_reasons``, as Matplotlib takes them."""
 
 
 def draw_reasons(map: DexterityMap, plan: SuturePlan, path: str | Path) -> Path:
@@ -83,7 +83,7 @@ def draw_study(study: SutureStudy, folder: str | Path) -> list[Path]:
 
 
 def _caption(figure: Figure, note: str, line: int) -> None:
-    """Write a note below the panels, in lines of so many letters."""
+    """Write a note below the panels, in lines of at most this many letters."""
     if note:
         figure.supxlabel(textwrap.fill(note, line), x=0.01, ha="left", fontsize=8, color=style.QUIET)
 
@@ -196,7 +196,7 @@ def _both_directions(axes: Axes, map: DexterityMap, values: NDArray[np.float64])
         color, inside = COLOURS[direction], np.where(map.joints.feasible[row], values[row], np.nan)
         axes.plot(theta, inside, color=color, linewidth=2.0, label=DIRECTION_NAMES[direction])
         axes.plot(theta, values[row], color=color, linewidth=0.9, linestyle=":")
-    near = values[np.isfinite(values) & (values > -10)]  # far below lies only what is out of all reach
+    near = values[np.isfinite(values) & (values > -10)]  # values far below belong to positions out of reach
     low, high = (float(near.min()), float(near.max())) if len(near) else (0.0, 0.0)
     room = 0.06 * (high - low or 1.0)
     axes.set_ylim(low - room, high + room)

@@ -1,4 +1,4 @@
-"""Maps of the largest circles that arms can sew with needles, over the place of the arm's base."""
+"""Maps of the largest circle that an arm can sew with a needle, over the position of the arm's base."""
 
 from __future__ import annotations
 
