@@ -17,4 +17,4 @@ def run(task: str, **options: Any) -> Trials:
 
     ``trocar.run("peg-transfer", method="best", sessions=3, seed=1, difficulty="mild")``
     """
-    return import_module("trocar.eval.jobs").run(task, **options)  # when it is called: importing trocar stays light
+    return import_module("trocar.eval.jobs").run(task, **options)  # imported here, so that importing trocar stays light

@@ -11,10 +11,10 @@ from trocar.errors import InvalidInput
 
 
 def require_numbers(value: Any) -> None:
-    """Raise if a number in a dataclass's own fields, or in a tuple among them, is NaN; for ``__post_init__``.
+    """Raise if a dataclass's field, or an item of a tuple in it, is NaN; for ``__post_init__``.
 
     Raises:
-        TrocarError: one is NaN; the sentence names the class and the field.
+        TrocarError: one is NaN; the message names the class and the field.
     """
     for field in fields(value):
         held = getattr(value, field.name)

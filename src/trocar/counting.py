@@ -1,4 +1,4 @@
-"""Numbers of things, in sentences and as progress."""
+"""Counts in words, and the protocol for progress reports."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ class Tick(Protocol):
     """Reports how far a piece of work has come."""
 
     def __call__(self, work: str, done: int, total: int | None, now: str = "") -> None:
-        """Show it.
+        """Report progress.
 
         Args:
-            work: its name, plural for a number of things; another name gets another bar.
-            done: how much of it is done.
-            total: how much there is; None: unknown.
+            work: name of the work; each name gets its own progress bar.
+            done: how much is done.
+            total: how much there is to do; None: unknown.
             now: what is being done at the moment.
         """
         ...
 
 
 def untold(work: str, done: int, total: int | None, now: str = "") -> None:
-    """Show nothing."""
+    """Report nothing."""

@@ -1,7 +1,7 @@
 """Errors whose cause is outside Trocar: bad input, motions that a robot refuses, trouble with the machine.
 
-Programs decide by the type of an error and by its fields; the sentence for people is made from them. The command line
-prints the sentence and ends with the error's exit code, so a traceback always is a bug of ours.
+Programs decide by an error's type and fields; its message for people is made from them. The command line prints the
+message and exits with the error's exit code, so a traceback always means a bug.
 
     TrocarError
     |-- InvalidInput            what was given cannot be used
@@ -9,15 +9,15 @@ prints the sentence and ends with the error's exit code, so a traceback always i
     |   |-- UnknownName         a name is not among the choices
     |   |-- BadFile             a file or folder cannot be used
     |   `-- NotInstalled        an optional dependency is missing
-    |-- MotionRefused           a motion that cannot be planned, or that a robot does not start or go on with
+    |-- MotionRefused           a motion that cannot be planned, or that a robot refuses to start or to continue
     |   |-- OutOfReach          a pose or a command outside of a joint's range
     |   |-- OutsideWorkspace    a tip outside of its box
     |   |-- LimitExceeded       a velocity, acceleration or jerk above its limit
     |   |-- TooNear             two bodies closer than allowed
     |   |-- StartMismatch       a motion that does not start where its arm is
-    |   |-- ArmMoving           an arm that is needed at rest
-    |   |-- AlreadyThere        a motion between two places that coincide
-    |   |-- StaleReading        an arm whose encoders were not read
+    |   |-- ArmMoving           an arm moves that must be at rest
+    |   |-- AlreadyThere        start and goal of a motion coincide
+    |   |-- StaleReading        an arm's last encoder reading is too old
     |   `-- NoPlan              a planner found nothing, for another reason
     |-- ArmStopped              an arm that did not reach the end of its motion
     `-- MachineError            a full disk, a folder without permission, too little memory
@@ -40,13 +40,13 @@ class TrocarError(ValueError):
     exit_code: ClassVar[int] = 2
 
     def worded(self, sentence: str) -> Self:
-        """Return the same refusal, with its fields, in other words: who tells it knows more than who found it."""
+        """Return a copy with the same fields and another message, from a caller that knows more about the cause."""
         other = copy.copy(self)
         other.args = (sentence,)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what recreates the error in another process, with its fields."""
+        """Return what pickle needs to recreate the error, with its fields, in another process."""
         return _recreated, (type(self), self.args, vars(self))
 
 
@@ -72,7 +72,7 @@ class InvalidInput(TrocarError):
 
 
 class InvalidValue(InvalidInput):
-    """One ``value``, as it was given, is outside of what is allowed."""
+    """One ``value`` is outside of what is allowed."""
 
     def __init__(self, item: str, value: object, remedy: str):
         self.value = value
@@ -80,11 +80,11 @@ class InvalidValue(InvalidInput):
 
 
 class UnknownName(InvalidInput):
-    """A name is not among the choices; the sentence lists them and the one that was probably meant.
+    """A name is not among the choices; the message lists them and suggests the nearest one.
 
     Attributes:
-        name: that was given.
-        choices: names that exist.
+        name: the given name.
+        choices: the existing names.
     """
 
     def __init__(self, kind: str, name: str, choices: Iterable[str], *, remedy: str = ""):
@@ -96,7 +96,7 @@ class UnknownName(InvalidInput):
 
 
 class BadFile(InvalidInput):
-    """A file or folder, of this ``path``, cannot be used."""
+    """The file or folder ``path`` cannot be used."""
 
     def __init__(self, path: str | Path, problem: str, remedy: str = "", *, kind: str = ""):
         self.path = Path(path)
@@ -104,7 +104,7 @@ class BadFile(InvalidInput):
 
 
 class NotInstalled(InvalidInput):
-    """An optional dependency is missing, which an ``extra`` of the package installs."""
+    """An optional dependency is missing; ``extra`` is the extra of the package that installs it."""
 
     def __init__(self, item: str, needs: str, extra: str):
         self.extra = extra
@@ -112,10 +112,10 @@ class NotInstalled(InvalidInput):
 
 
 class MotionRefused(TrocarError):
-    """A motion that cannot be planned, or that a robot does not start or go on with.
+    """A motion cannot be planned, or a robot refuses to start or to continue it.
 
     Attributes:
-        arm: name of the arm or its model; empty if the caller knows it, or if no arm alone is to blame.
+        arm: name of the arm or its model; empty if the caller knows it, or if no single arm is to blame.
     """
 
     def __init__(self, sentence: str, *, arm: str = ""):
@@ -127,7 +127,7 @@ class OutOfReach(MotionRefused):
     """A pose or a command that is outside of a joint's range.
 
     Attributes:
-        joint: name of the joint; empty if no joint alone is to blame.
+        joint: name of the joint; empty if no single joint is to blame.
         by: how far outside, rad, or m for a prismatic joint; NaN if unknown.
     """
 
@@ -137,7 +137,7 @@ class OutOfReach(MotionRefused):
 
 
 class OutsideWorkspace(MotionRefused):
-    """A motion takes a tip out of the box that it may not leave, to a ``place`` in words."""
+    """A motion takes a tip out of its workspace box; ``place`` says in words where to."""
 
     def __init__(self, arm: str, place: str, bounds: str):
         self.place = place
@@ -146,7 +146,7 @@ class OutsideWorkspace(MotionRefused):
 
 
 class LimitExceeded(MotionRefused):
-    """A motion is faster, or changes faster, than its limits allow: by the ``ratio`` of the motion to its limit."""
+    """A motion exceeds a limit of velocity, acceleration or jerk; ``ratio`` is its value divided by the limit."""
 
     def __init__(self, sentence: str, *, arm: str = "", ratio: float = float("nan")):
         self.ratio = ratio
@@ -159,9 +159,9 @@ class TooNear(MotionRefused):
     Attributes:
         first: one body, as "psm1 left finger".
         second: the other.
-        distance_m: between them.
-        required_m: to be kept.
-        at_start: whether they are too near already before anything moves.
+        distance_m: distance between them.
+        required_m: required distance.
+        at_start: whether they are too near before anything moves.
         arms: the arms that the bodies belong to.
     """
 
@@ -189,18 +189,18 @@ class StartMismatch(MotionRefused):
 
 
 class ArmMoving(MotionRefused):
-    """An arm moves that is needed at rest."""
+    """An arm moves that must be at rest."""
 
     def __init__(self, arm: str, remedy: str = "await its motion, or replace it"):
         super().__init__(f"arm {arm!r} is already moving; {remedy}", arm=arm)
 
 
 class AlreadyThere(MotionRefused):
-    """Two places between which a motion is asked for coincide."""
+    """Start and goal of a requested motion coincide."""
 
 
 class StaleReading(MotionRefused):
-    """An arm's encoders were not read for too long; ``age_s`` is that of the last reading."""
+    """An arm's last encoder reading is too old; ``age_s`` is its age."""
 
     def __init__(self, arm: str, age_s: float, max_age_s: float):
         self.age_s = age_s
@@ -216,11 +216,11 @@ class NoPlan(MotionRefused):
 
 
 class EmergencyStop(TrocarError):
-    """A person ended the trial, and the run that it is of."""
+    """A person ended the trial and its run."""
 
 
 class ArmStopped(TrocarError):
-    """An arm, of this name, did not reach the end of its motion, and is not used again."""
+    """The arm named ``arm`` did not reach the end of its motion, and is not used again."""
 
     def __init__(self, arm: str, reason: str):
         self.arm = arm
@@ -228,7 +228,7 @@ class ArmStopped(TrocarError):
 
 
 class MachineError(TrocarError):
-    """The machine's trouble, not the input's: a full disk, a folder that may not be written into, too little memory."""
+    """The machine, not the input, is the problem: a full disk, a folder without permission, too little memory."""
 
     exit_code = 3
 

@@ -13,8 +13,8 @@ FINALIZERS = ("weakref.py", "_weakrefset.py")
 class CtrlC:
     """Ctrl-C raises ``KeyboardInterrupt`` as usual, but not where Python would swallow it.
 
-    That is in a destructor and in a weak reference's callback; there it is noted, and long work calls :meth:`check` now
-    and then, which raises it.
+    Python swallows exceptions in destructors and in weak references' callbacks. There Ctrl-C is only noted; long work
+    calls :meth:`check` now and then, which raises it.
 
     >>> with CtrlC() as ctrl_c:
     ...     for trial in trials:

@@ -1,4 +1,4 @@
-"""The log of a cell's scripts, on the cell's clock; and how long computations take, comparable between machines."""
+"""The log of a cell's scripts on the cell's clock, and computation times that are comparable between machines."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 
 REFERENCE_S = 6.75e-3
-"""Time of ``_reference`` on the machine for which the agents' budgets were declared, where the paper's SQP takes .3 s
-per motion. Measured on another one, where they take 7.2 ms and .32 s (``bench_planning.py``)."""
+"""Time of ``_reference``, in s, on the machine for which the agents' budgets were declared: there the paper's SQP takes
+.3 s per motion. Scaled from a machine on which they take 7.2 ms and .32 s (``bench_planning.py``)."""
 REPEATS = 7
 
 
@@ -31,8 +31,8 @@ class Span:
     Attributes:
         arm: the arm.
         name: what it did: capture, perception, planning, motion, jaw, settling.
-        start_s: on the cell's clock.
-        end_s: likewise.
+        start_s: when it began, on the cell's clock.
+        end_s: when it ended.
     """
 
     arm: str
@@ -43,11 +43,11 @@ class Span:
 
 @dataclass(frozen=True)
 class Computation:
-    """The real time of one computation beside what its script declared.
+    """The measured time of one computation, and the time that its script declared.
 
     Attributes:
         name: what was computed.
-        seconds: as ``timed`` measures it, on the machine that computed.
+        seconds: computation time on this machine, as ``timed`` measures it.
         budget_s: time that the cell's clock counted for it.
     """
 
@@ -62,8 +62,7 @@ class Sighting:
 
     Attributes:
         image: the image.
-        outlines_m: a closed line (n, 3) about each thing that was found, in m, in the frame of the camera (of the left
-            one, if there are two), by what it is.
+        outlines_m: closed outline (n, 3) of each object found, by its name, in the frame of the (left) camera.
     """
 
     image: Image
@@ -81,7 +80,7 @@ class CellLog:
         events: dicts with ``name``, ``time_s`` and what was noted.
         computations: in order.
         samples: rows of numbers of each series.
-        sightings: what was found last in an image of each camera, for whoever watches: it is in no trial.
+        sightings: the latest sighting of each camera, for live views; not saved with the trial.
         listener: called with each event, for a progress bar.
     """
 
@@ -96,7 +95,7 @@ class CellLog:
 
     @contextmanager
     def span(self, arm: str, name: str) -> Iterator[None]:
-        """Note the time from entering to leaving."""
+        """Record a span from entering to leaving the context."""
         begun = arm, name, round(self.clock(), 6)
         self.begun.append(begun)
         try:
@@ -106,7 +105,7 @@ class CellLog:
             self.spans.append(Span(*begun, round(self.clock(), 6)))
 
     def event(self, name: str, **values: object) -> None:
-        """Note something that happened now; NumPy's numbers become plain ones, those that are not finite None."""
+        """Record an event at the present time; :func:`plain` converts its values."""
         noted = {key: plain(value) for key, value in values.items()}
         self.events.append({"name": name, "time_s": round(self.clock(), 6), **noted})
         if self.listener is not None:
@@ -117,21 +116,21 @@ class CellLog:
         self.samples.setdefault(name, []).append(np.array(row, dtype=np.float64))
 
     def saw(self, camera: str, image: Image, outlines_m: Mapping[str, NDArray[np.float64]]) -> None:
-        """Note what perception found in an image of a camera, as in ``Sighting``."""
+        """Record what perception found in an image of a camera (see ``Sighting``)."""
         self.sightings[camera] = Sighting(image, outlines_m)
 
     @property
     def series(self) -> dict[str, NDArray[np.float32]]:
-        """Return each series as an array, a row a sample."""
+        """Return each series as an array, one row per sample."""
         return {name: np.array(rows, dtype=np.float32) for name, rows in self.samples.items()}
 
     def compute(self, name: str, seconds: float, budget_s: float) -> None:
-        """Note the real time of a computation."""
+        """Record the measured time of a computation."""
         self.computations.append(Computation(name, seconds, budget_s))
 
 
 def plain(value: Any) -> Any:
-    """Return what JSON can hold of a value, None for numbers that are not finite: it is saved whatever it is."""
+    """Return a value as JSON can hold it: NaN and infinity become None, unknown types their ``str``."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, float):
@@ -145,11 +144,11 @@ def plain(value: Any) -> Any:
 
 
 def timed(function: Callable[[], Result]) -> tuple[Result, float]:
-    """Return a function's result and how long it computed, in s.
+    """Return a function's result and its computation time, in s.
 
-    That is the wall-clock time, or the processor's time if it is shorter: a computation does not become slower when
-    other programs keep it waiting, nor when it uses several processors. The thread's own time is the least, because the
-    process's clock stands still for milliseconds where a process's time is limited (``ulimit -t``, clusters).
+    This is the wall-clock time or the process's CPU time, whichever is shorter: neither waiting for other programs nor
+    using several cores makes a computation slower. It is at least the thread's CPU time, because the process's CPU
+    clock stands still for milliseconds where CPU time is limited (``ulimit -t``, clusters).
     """
     wall_s, processor_s, thread_s = time.perf_counter(), time.process_time(), time.thread_time()
     result = function()

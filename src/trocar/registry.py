@@ -45,12 +45,12 @@ class Registry(Mapping[str, T], Generic[T]):
 
     Args:
         what: the kind in words, for error messages: ``"planner"``.
-        group: of the entry points.
+        group: name of the entry points' group.
         builtin: name to thing, or :class:`Lazy` where importing it is expensive.
-        check: called with a name and what is registered there by somebody else; raises a sentence if it cannot be used.
+        check: called with name and value when one is registered or lazily loaded; raises if it cannot be used.
 
     Attributes:
-        listeners: called with each name that is registered from now on.
+        listeners: called with each name that is registered later.
     """
 
     def __init__(

@@ -19,7 +19,7 @@ class Solid:
 
     Attributes:
         body: name in ``Replay.T_world_body``.
-        shape: of ``SHAPES``; capsules and cylinders lie along z.
+        shape: one of ``SHAPES``; capsules and cylinders lie along z.
         size_m: box: three half lengths; sphere: radius; capsule and cylinder: radius, half length; hull: empty.
         T_body_solid: where it sits on its body.
         rgba: colour in [0, 1], sRGB.
@@ -35,11 +35,11 @@ class Solid:
 
 
 def painted(solids: Sequence[Solid], colours: Mapping[str, tuple[float, float, float]]) -> tuple[Solid, ...]:
-    """Return solids in colours for people; all others keep theirs.
+    """Return solids in display colours; solids that no entry matches keep theirs.
 
     Args:
         solids: of any bodies.
-        colours: by the beginning of body and shape, as ``"board capsule"``; the beginning of a body's name is enough.
+        colours: RGB by the beginning of body and shape, such as ``"board capsule"`` or ``"board"``.
     """
 
     def one(solid: Solid) -> Solid:
@@ -65,8 +65,8 @@ class ToolPath:
     """The planned and the driven path of one arm's tip.
 
     Attributes:
-        p_world_planned_m: (n, 3) at ``Replay.times_s``, by the script's joints and the registered base.
-        p_world_driven_m: (n, 3) the true tip; of real arms the tip by their encoders.
+        p_world_planned_m: (n, 3) at ``Replay.times_s``, from the script's joints and the registered base.
+        p_world_driven_m: (n, 3) the true tip; for real arms, the tip from their encoders.
     """
 
     p_world_planned_m: NDArray[np.float64]
@@ -79,7 +79,7 @@ class Goal:
 
     Attributes:
         arm: name.
-        number: of the goal, from 0 on.
+        number: the goal's number, from 0 on.
         start_s: when the arm began.
         end_s: when it ended.
         failed: whether the goal was missed.
@@ -99,8 +99,8 @@ class Contact:
     Attributes:
         time_s: when it began.
         end_s: when it ended.
-        between: names of the two that touched.
-        p_world_m: where it was strongest.
+        between: names of the two bodies that touched.
+        p_world_m: where the force was largest.
         force_n: largest force while it lasted.
     """
 
@@ -137,10 +137,10 @@ class Replay:
         title: one line.
         times_s: (n,) increasing, 100 Hz.
         solids: everything visible.
-        T_world_body: pose of each body: (n,), or () where it never moves.
+        T_world_body: pose of each body: (n,), or () if it never moves.
         tools: path of each arm's tip, by arm.
         ports_m: (3,) remote centre of each arm, in the world, by arm: its shaft always passes through it.
-        goals: that the arms worked on.
+        goals: what the arms worked on.
         contacts: in order of time.
         spans: (arm, name, start_s, end_s) of the scripts.
         events: dicts with ``name`` and ``time_s``.

@@ -122,12 +122,12 @@ def collect(
 
 
 def spheres_file(folder: Path, arm: str) -> Path:
-    """Return the file in which a collection keeps what it has."""
+    """Return the file in which a collection keeps the spheres' centres of an arm."""
     return folder / f"spheres_{arm}.npz"
 
 
 def _require_one_kind(robot: str, of_cell: Mapping[str, Any], of_robot: Mapping[str, Any]) -> None:
-    """Raise InvalidInput unless it is said whose arms move, and no option is of the others alone."""
+    """Raise InvalidInput unless a station or a robot is named, and every option fits it."""
     if not (robot or "station" in of_cell):
         raise InvalidInput("a collection", "has no arms", "name a STATION to simulate, or a robot (--robot)")
     unfit = [f"--{name.replace('_', '-')}" for name in (of_cell if robot else of_robot)]
@@ -141,7 +141,7 @@ def _require_one_kind(robot: str, of_cell: Mapping[str, Any], of_robot: Mapping[
 def _collections(
     station: Station, arms: Sequence[str], seed: int, rows: int, *, real: bool, wide: bool
 ) -> Mapping[str, Collection | RobotCollection]:
-    """Return the collection of each of these arms: real ones, or those of a session of this seed."""
+    """Return the collection of each arm: of real arms, or of a simulated session of this seed."""
     from trocar.collect.collection import Collection
     from trocar.collect.on_robot import RobotCollection
     from trocar.lab import require_reach
@@ -165,7 +165,7 @@ def _agreed(
     enable_motion: bool,
     yes: bool,
 ) -> bool:
-    """Tell a person what will move, and ask, unless nothing has to; return whether they agree."""
+    """Tell a person what will move and ask for consent, unless nothing has to move; return whether to go on."""
     todo = [name for name, one in collections.items() if len(one.kept(spheres_file(folder, name))) < len(one.q_cmd)]
     if not todo:
         return True

@@ -183,13 +183,13 @@ def serve(
 
 
 def _laboratory(station: Station, seed: int, session: int, wearing: Sequence[str]) -> SimLaboratory:
-    """Return a laboratory without a task, in the session of this number in a run of this seed.
+    """Return a laboratory without a task, in a session of a run.
 
     Args:
-        station: of the laboratory.
-        seed: of a run.
-        session: number.
-        wearing: arms that wear spheres; then there is a table, and it is empty.
+        station: station of the laboratory.
+        seed: the run's seed.
+        session: the session's number.
+        wearing: arms that wear spheres; if there are any, the cell has an empty table.
     """
     from trocar.eval.config import SESSION
     from trocar.lab.session import draw_session
@@ -210,7 +210,7 @@ def _laboratory(station: Station, seed: int, session: int, wearing: Sequence[str
 def _page(
     laboratory: SimLaboratory, served: ServedCell, topics: Topics, title: str, task: Task | None
 ) -> Iterator[list[Script]]:
-    """Open a page with this title, if there is one, in the task's colours, and yield what feeds it."""
+    """Open a page in the task's colours, unless the title is empty, and yield the scripts that feed it."""
     if not title:
         yield []
         return
@@ -223,7 +223,7 @@ def _page(
 
 
 def _write_station(path: Path, station: str, session: Session, topics: Topics) -> None:
-    """Write a station as registration found it in a session, with where it speaks."""
+    """Write a station as registration found it in a session, with its topics and network."""
     from trocar.lab import station_text
     from trocar.lab.station_file import with_registered, with_topics
 
@@ -236,12 +236,12 @@ def _write_station(path: Path, station: str, session: Session, topics: Topics) -
 
 
 def _judged(path: Path) -> tuple[dict[str, Any], list[Any]]:
-    """Draw a saved trial's replay and pictures; return its summary, and the table and sentences that say it."""
+    """Draw a saved trial's replay and pictures; return its summary, and the table and sentences to print."""
     from trocar.eval.trials import Trials
     from trocar.report.files import report_of, write_report
     from trocar.report.tables import headline, run_table
 
-    beside().print(f"saved: {path}", soft_wrap=True)  # before its pictures, which take seconds
+    beside().print(f"saved: {path}", soft_wrap=True)  # before the pictures, which take seconds
     trials = Trials([path])
     found, files = write_report(path.parent.parent, trials, into=path.with_suffix(""))
     report = report_of(trials[0])
@@ -277,7 +277,7 @@ def doctor(
 
     beside().print(f"listening for {seconds:g} s over ROS {topics.ros} on {topics.interface}", soft_wrap=True)
     listener = Listener(open_bus(topics), found, topics, list(found.arms), list(found.cameras))
-    with ahead_of_others():  # a doctor who is held up cannot tell how late something comes
+    with ahead_of_others():  # a listener that is delayed cannot tell how late messages are
         heard = listen(listener, seconds)
     checks = [check for arm in found.arms for check in examine_arm(heard, found, topics, arm)]
     checks += [check for camera in found.cameras for check in examine_camera(heard, found, topics, camera)]

@@ -1,4 +1,4 @@
-"""Commands and groups of commands, each imported when it is called, and the options and the printing that all share.
+"""Commands and groups of commands, imported when they are called, with the options and the printing that all share.
 
 A command is a function whose typed parameters are its options. It returns a :class:`Result`, which is printed as text
 or, with ``--json``, as one JSON object. Other packages add commands by entry points.
@@ -59,7 +59,7 @@ class Known:
     """What is known of a command before it is imported.
 
     Attributes:
-        about: one line for the list of commands; for a group, all that its help says.
+        about: one line for the list of commands; for a group, the whole text of its help.
         where: ``module:name`` of its function, or of a :class:`Group`; empty for a group of these ``members``.
         example: a line that calls it.
         members: of a group, by name.
@@ -72,13 +72,13 @@ class Known:
 
 
 COMMANDS: Registry[Known] = Registry("command", "trocar.commands")
-"""Commands from elsewhere as ``GROUP.NAME``. Tasks add their own commands this way."""
+"""Commands that other packages and tasks add, by ``GROUP.NAME``."""
 
 
 class Command(TyperCommand):
     """A command whose plain help has one section for each ``rich_help_panel`` of its options.
 
-    Contexts, commands and formatters are Click's, which typer ships under a name that depends on its version: hence
+    Contexts, commands and formatters are Click's. Typer ships Click under a name that depends on Typer's version, hence
     ``Any`` in this file.
     """
 
@@ -111,14 +111,14 @@ class Command(TyperCommand):
 
 
 class Deferred(TyperCommand):
-    """A command or group known by name and one line, imported when it is needed: then ``load`` returns it."""
+    """A command or group known by name and one line; ``load`` imports it when it is needed."""
 
     def __init__(self, name: str, about: str, load: Callable[[], Any]) -> None:
         super().__init__(name, callback=None, help=about)
         self.load = load
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Return the context of the command itself: it is what parses, completes and is invoked."""
+        """Return the context of the loaded command, which then parses, completes and runs."""
         return self.load().make_context(info_name, args, parent, **extra)
 
     def get_short_help_str(self, limit: int = 45) -> str:
@@ -159,7 +159,7 @@ class Group(TyperGroup):
 
 
 def command_of(name: str, function: Callable[..., Result | None], example: str) -> Any:
-    """Return the command of a function, with ``--plugin``, ``--quiet`` and ``--json``, which print what it returns.
+    """Return the command of a function, with ``--plugin``, ``--quiet`` and ``--json``; it prints the result.
 
     A function that takes one of these options itself keeps it; one that returns nothing has no ``--json``.
 

@@ -55,7 +55,7 @@ def import_lerobot(
     from trocar.learn.read import read_episode
     from trocar.learn.replayed import COMPENSATED, METHOD, Source, deviations, register
 
-    recorded = read_episode(data, episode)  # what is wrong with it is told before anything is made
+    recorded = read_episode(data, episode)  # reports errors in the data before anything is made
     source = Source(str(data.absolute()), episode, frame, recorded.digest)
     kind = TASKS.pick(task)
     register(kind.name)

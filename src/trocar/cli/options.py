@@ -51,7 +51,7 @@ def load_given(args: Sequence[str]) -> None:
 
 
 def _listen(wanted: bool) -> None:
-    """Be quiet if asked; the option's absence does not undo an earlier request."""
+    """Be quiet if asked; without the option, an earlier request stays in force."""
     if wanted:
         be_quiet(True)
 

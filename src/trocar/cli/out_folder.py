@@ -32,7 +32,7 @@ def default_folder(name: str, unusual: Mapping[str, Any]) -> Path:
 
 
 def differing(command: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those of the values given that are not the defaults of a command's parameters."""
+    """Return the given values that differ from the defaults of a command's parameters."""
     usual = inspect.signature(command).parameters
     return {name: value for name, value in given.items() if value != usual[name].default}
 
@@ -63,7 +63,7 @@ def _digest(content: str | bytes) -> str:
 
 
 def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequence[str | Path] = ()) -> None:
-    """Raise a sentence unless files can be written into a folder, which need not exist yet.
+    """Raise unless files can be written into a folder, which need not exist yet.
 
     A folder that does not exist is made and removed again, since only trying tells.
 
@@ -93,9 +93,9 @@ def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequenc
 def require_file(
     option: str, path: Path, kind: str, suffixes: Sequence[str], inputs: Sequence[str | Path] = (), mark: str = ""
 ) -> None:
-    """Raise a sentence unless the file that an option names can be written, of this kind, with one of these suffixes.
+    """Raise unless an option's file has one of these suffixes and can be written without replacing another kind.
 
-    ``inputs`` are files that are read, and ``mark`` is that of the kind if not the usual one, as in ``require_place``.
+    ``inputs`` are files that are read, and ``mark`` is the kind's mark if not the usual one, as in ``require_place``.
     """
     if path.suffix not in suffixes or not path.parent.is_dir():
         problem = f"must end in {', '.join(suffixes)} and lie in a folder that exists"

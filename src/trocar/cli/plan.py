@@ -1,4 +1,4 @@
-"""``trocar plan``: motions through waypoints, timed, with what they use of the limits."""
+"""``trocar plan``: timed motions through waypoints, with their use of the limits."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _load(path: Path) -> NDArray[np.float64]:
 
 
 def _lines(summary: dict[str, Any]) -> list[Any]:
-    """Return the motions as a table, and what is to be said of them."""
+    """Return a table of the motions, and remarks on them."""
     columns = {
         "duration s": ("duration_s", 1.0, ".3f"),
         "bound s": ("bound_s", 1.0, ".3f"),

@@ -1,6 +1,6 @@
 """Progress of long work: what is happening now, how much is done, and the time left.
 
-A terminal shows bars; if stderr is a file or a pipe, there is a line every ten seconds; with ``--quiet``, nothing.
+A terminal shows bars; a file or a pipe gets a line every ten seconds; ``--quiet`` shows nothing.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def progress() -> Iterator[Tick]:
     if console.quiet:
         yield untold
         return
-    from rich.progress import (  # a tenth of a second, which help need not take
+    from rich.progress import (  # takes a tenth of a second, and help does not need it
         BarColumn,
         MofNCompleteColumn,
         Progress,
@@ -55,7 +55,7 @@ def progress() -> Iterator[Tick]:
         if work not in tasks:
             number = shown.add_task(work, total=total, completed=done)
             tasks[work] = next(task for task in shown.tasks if task.id == number)
-        tasks[work] = tasks.pop(work)  # the last one is what is being done
+        tasks[work] = tasks.pop(work)  # the last one is the present work
         shown.update(tasks[work].id, completed=done, total=total, description=now or work)
 
     with shown, _lines(console, tasks):
@@ -82,7 +82,7 @@ def line_of(work: str, task: Task) -> str:
 
 @contextmanager
 def _lines(console: Console, tasks: dict[str, Task]) -> Iterator[None]:
-    """Where there is no terminal, write a line about the last task now and then."""
+    """If there is no terminal, write a line about the last task every few seconds."""
     ended = Event()
 
     def tell() -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from trocar.eval.trial import Trial
 
 MCAP, LEROBOT = "mcap", "lerobot"
-"""Formats of recordings and of data sets, beside those of tables."""
+"""Formats of recordings and of data sets, in addition to those of tables."""
 
 
 def report(

@@ -1,4 +1,4 @@
-"""``--robot KIND:STATION.toml``: a person is told what will move, and asked; then arms move."""
+"""``--robot KIND:STATION.toml``: a person is told what will move, and is asked; then arms move."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def run_robot(
     as_json: bool,
     attendant: Watch | None = None,
 ) -> None:
-    """Run the trials of a run that are still to do, one after the other, and report on them.
+    """Run the remaining trials of a run, one after the other, and report on them.
 
     Raises:
         InvalidInput: motion is not enabled, or nobody is there to ask.
@@ -52,7 +52,7 @@ def run_robot(
         path = trial_file(folder, session, index)
         path.parent.mkdir(parents=True, exist_ok=True)
         set_aside(path)
-        trial.save(path)  # before anything is asked: arms cannot do it again
+        trial.save(path)  # before the question: arms cannot repeat it
         if asks:
             trial.about["tally"] = _tally(len(trial.scores), trial.goal_noun)
             trial.save(path)
@@ -61,7 +61,7 @@ def run_robot(
             break
         hurt = _lasting_faults(trial.events)
         begins = number + 1 < len(todo) and not asks
-        if hurt and begins:  # to connect anew would forget them
+        if hurt and begins:  # a new connection would forget the faults
             left = True
             beside().print(f"no other trial is begun by itself after: {'; '.join(hurt)}", markup=False)
             break
@@ -98,10 +98,10 @@ def about_motion(what: str, robot: str, station: Station, arms: Container[str]) 
     """Yield in sentences what will move, where, and how fast.
 
     Args:
-        what: is done.
+        what: what is done.
         robot: as ``--robot`` names it.
-        station: of the robot.
-        arms: that work.
+        station: the robot's station.
+        arms: the arms that work.
     """
     from trocar.hardware.kinds import robot_of
 

@@ -130,7 +130,7 @@ def run(
 
 
 def _require_console(config: RunConfig, watch: bool, confirm: str, speed: float, devices: int | None) -> None:
-    """Raise if something is asked for that only a person at a console can do, and there is none, or cannot be."""
+    """Raise if options need a console that is not open, or do not fit the console of this run."""
     if watch and config.robot and speed != 1.0:
         raise InvalidInput(f"--speed {speed:g}", "is for the clock of a simulated cell", "drop it, or --robot")
     if watch and confirm and _is_policy(config.chosen_method):
@@ -145,7 +145,7 @@ def _require_console(config: RunConfig, watch: bool, confirm: str, speed: float,
 
 @contextmanager
 def _watched(watch: bool, confirm: str, speed: float, devices: int | None, jobs: int) -> Iterator[Watch | None]:
-    """Open the console of a run, if it is wanted, and say how fast hands were followed when it ends."""
+    """Open the console of a run, if wanted; at its end, print the latency from a hand to the set-point."""
     if not watch:
         yield None
         return
@@ -174,7 +174,7 @@ def _is_policy(method: Method) -> bool:
 
 
 def _with_policy(run: Mapping[str, Any], policy: str) -> dict[str, Any]:
-    """Return the options of a run with those of its policy, which is tried out before anything is written."""
+    """Return a run's options with those of its policy, which is loaded once before anything is written."""
     asked = run["method"] in methods_of_any() and _is_policy(METHODS[f"*/{run['method']}"])
     if asked and not policy:
         raise InvalidInput(f"--method {run['method']}", "names no policy", "give --policy DIR, or module:function")

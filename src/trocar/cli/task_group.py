@@ -1,4 +1,4 @@
-"""Tasks as commands: the options of a run are the fields of ``RunConfig``, those of a task its own."""
+"""Tasks as commands: the options of a run are the fields of ``RunConfig``, those of a task the task's fields."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class TaskGroup(Group):
     """The tasks as commands. A plugin that is named anywhere on the line is loaded before its task is looked up.
 
     Attributes:
-        body: the function that a task's command calls with the task's class, the values of the task's options, those of
-            the run's, and those of its other parameters, which are the command's other options.
-        kind: what a member is called where one is unknown.
-        does: what its commands do, a sentence.
-        example: a line, with ``{task}`` for the task's name and, if it needs one, its plugin.
-        of_run: names of those fields of ``RunConfig`` that are options here.
+        body: the function that a task's command calls. It gets ``task`` (the class), ``options`` and ``run`` (values of
+            the task's and of the run's options); its other parameters are further options of the command.
+        kind: what a member is called in the error for an unknown name.
+        does: a sentence that says what the commands do.
+        example: an example line, with ``{task}`` for the task's name and, if the task needs it, its plugin.
+        of_run: names of the fields of ``RunConfig`` that are options here.
     """
 
     body: Callable[..., Result | None]
@@ -117,7 +117,7 @@ def _about(task: type[Task]) -> str:
 
 
 def _flags(parameter: inspect.Parameter) -> set[str]:
-    """Return how a command's parameter is spelt."""
+    """Return the flags of a command's parameter."""
     options = (one for one in getattr(parameter.annotation, "__metadata__", ()) if isinstance(one, OptionInfo))
     spelt = {word for option in options for word in option.param_decls or ()}
     return spelt or {f"--{parameter.name.replace('_', '-')}"}
@@ -126,7 +126,7 @@ def _flags(parameter: inspect.Parameter) -> set[str]:
 def _parameter(
     field: Field[Any], hint: Any, panel: str = "", choices: Sequence[str] = (), *, listed: bool = False
 ) -> inspect.Parameter:
-    """Return the command line's parameter of a field that ``option`` declares; ``listed``: of several of its values."""
+    """Return the parameter of a field that ``option`` declares; ``listed``: it takes several values of the field."""
     about, kind = {"help": "", "flag": "", "metavar": "", "shown": "", **field.metadata}, hint
     default = None if field.default is MISSING else field.default
     flag, metavar, shown = flag_of(field), about["metavar"], about["shown"] or default is not None

@@ -1,1 +1,1 @@
-"""Learning: data sets that policies are trained on."""
+"""Learning: data sets to train policies on, Gymnasium environments, and policies as agents."""

@@ -17,7 +17,7 @@ from trocar.log import timed
 
 @dataclass(frozen=True)
 class PolicySettings:
-    """How a policy is asked."""
+    """Which policy is asked, what it observes, and how fast it acts."""
 
     policy: str = ""
     """What ``load_policy`` takes."""
@@ -29,9 +29,9 @@ class PolicySettings:
 
 
 class PolicyAgent:
-    """Asks a policy for an action at a fixed rate, from the observations of the environment, until the time is up.
+    """Asks a policy for actions at a fixed rate, with the environment's observations, until the time is up.
 
-    The cell's clock stands still while a policy computes; how long it took is noted beside the period of an action.
+    The cell's clock stands still while the policy computes. The log holds its computation time beside the period.
     """
 
     def __init__(self, context: AgentContext):
@@ -43,7 +43,7 @@ class PolicyAgent:
         self._policy = load_policy(settings.policy, settings.policy_digest, settings.timeout_s)
 
     async def run(self) -> None:
-        """Act until the policy says that it is done, by answering None, or the budget is spent."""
+        """Act until the policy answers None, which means that it is done, or until the budget is spent."""
         control, cell = self._control, self._cell
         with self._policy as ask:
             async with trio.open_nursery() as nursery:
@@ -58,7 +58,7 @@ class PolicyAgent:
                 nursery.cancel_scope.cancel()
 
     def _asked(self, ask: Any) -> Any:
-        """Return the policy's answer to what is seen now."""
+        """Return the policy's answer to the present observation."""
         seen = self._observation.now()
         action, seconds = timed(lambda: ask(seen))
         self._cell.log.compute("policy", seconds, 1.0 / self._settings.rate_hz)

@@ -1,4 +1,4 @@
-"""What a policy sees of a cell, and how its actions move the arms: the same in an environment and as an agent."""
+"""What a policy observes, and how its actions move the arms; shared by environments and agents."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ STATE, OBJECTS, IMAGES, PRIVILEGED = "state", "objects", "images", "privileged"
 OBSERVATIONS = (STATE, OBJECTS, IMAGES, PRIVILEGED)
 
 SPEED_M, SPEED_RAD = 0.2, 3.0
-"""A Cartesian increment is at most this much a second, on each axis."""
+"""Largest Cartesian increment per second, on each axis (m, rad)."""
 REACH_M = 1.0
-"""Tips are nearer than this to the world's origin, on each axis."""
+"""Bound of a tip's position on each axis of the world."""
 OVER = 0.3
-"""Readings may lie this far (rad, m) outside the ranges of the joints: jaws yield, and so do drives."""
+"""How far readings may lie outside the joints' ranges (rad, m): jaws and drives yield."""
 SAME_RAD = 1e-9
 
 
 @dataclass
 class Answer:
-    """What became of an action, by arm.
+    """The outcome of an action, by arm.
 
     Attributes:
-        slowed: how many times faster than its limits allow the arm would have had to move to be there in time; only
-            where this is above 1. The arm goes as fast as it may, and the next action begins where it is.
+        slowed: required velocity or change of velocity, divided by what the limits allow; only ratios above 1. The arm
+            moves as fast as it may, and the next action begins where it is.
         refused: why the arm did not move: out of reach, or refused by its guard.
     """
 
@@ -48,7 +48,7 @@ class Answer:
 
 
 def require_actions(action: str, rate_hz: float) -> None:
-    """Raise UnknownName or InvalidValue if there are no such actions, or not at this rate."""
+    """Raise UnknownName for an unknown kind of action, InvalidValue for an impossible rate."""
     if action not in ACTIONS:
         raise UnknownName("action", action, ACTIONS)
     if not 1.0 <= rate_hz <= 1 / TICK_S:
@@ -56,21 +56,20 @@ def require_actions(action: str, rate_hz: float) -> None:
 
 
 class Control:
-    """Arms that are given actions at a fixed rate.
+    """Moves arms by actions that come at a fixed rate.
 
-    A cell's controller ticks every 10 ms: at 30 Hz, steps are three or four ticks long, and no time is lost.
+    A cell ticks every 10 ms. At 30 Hz, a step therefore lasts three or four ticks, but the mean rate is exact.
 
     Args:
-        cell: the cell. If its robot compensates the cables, actions are what the joints are to do; else what the
-            encoders are to read.
-        arms: names of those that work, in order.
-        action: what an action means: one of ``ACTIONS``.
-        rate_hz: actions a second.
+        cell: the cell. If its robot compensates the cables, actions refer to the true joints, else to the encoders.
+        arms: names of the working arms, in order.
+        action: kind of action, one of ``ACTIONS``.
+        rate_hz: actions per second.
 
     Attributes:
-        names: of the numbers of an action.
-        low: their least values.
-        high: their greatest ones.
+        names: names of an action's numbers.
+        low: their lower bounds.
+        high: their upper bounds.
     """
 
     def __init__(self, cell: Cell, arms: Sequence[str], action: str, rate_hz: float = 30.0):
@@ -82,25 +81,25 @@ class Control:
         self._steps, self._at_tick, self._lasts_s = 0, 0, TICK_S
         self._begins_s = cell.clock.now_s()
         self._goals = {arm: cell.robot.setpoint(arm).q for arm in self.arms}
-        self._held: dict[str, SO3] = {}  # orientations in the world that increments without a rotation keep
+        self._held: dict[str, SO3] = {}  # orientations in the world, kept by increments without a rotation
         self._jaws: dict[str, float] = {}
         self._turns: dict[str, NDArray[np.float64]] = {}
 
     def next_step_s(self) -> float:
-        """Return how long the next step lasts, a number of ticks; the steps add up to the rate."""
+        """Begin the next step and return its duration: whole ticks, which average to the rate."""
         self._steps += 1
         at_tick = int(self._steps / self._rate_hz / TICK_S + 1e-6)
         self._lasts_s, self._at_tick = (at_tick - self._at_tick) * TICK_S, at_tick
         return self._lasts_s
 
     async def step(self) -> None:
-        """Let the next step pass; steps that begin late catch up."""
+        """Wait until the next step is over; steps that begin late catch up."""
         self.next_step_s()
-        ends_s = self._begins_s + self._at_tick * TICK_S  # a sleep of some ticks may end a tick later than it says
+        ends_s = self._begins_s + self._at_tick * TICK_S  # a sleep may end a tick late
         await self._cell.clock.sleep(max(0.0, ends_s - TICK_S / 2 - self._cell.clock.now_s()))
 
     def observe(self) -> dict[str, NDArray[np.float32]]:
-        """Return what the encoders read: ``joints``, six and the jaw of each arm, and ``state``: the tips' poses."""
+        """Return the readings: ``joints`` (six and the jaw of each arm) and ``state`` (tips' poses and jaws)."""
         rows, poses = [], []
         for arm in self.arms:
             reading = self._cell.robot.read(arm)
@@ -115,7 +114,7 @@ class Control:
         """Return an action as numbers.
 
         Raises:
-            InvalidInput: it has another shape, or is not finite.
+            InvalidInput: it has the wrong shape, or is not finite.
         """
         try:
             values = np.asarray(action, dtype=np.float64)
@@ -139,11 +138,11 @@ class Control:
             raise InvalidValue(f"{self.names[at]} of the action", f"{values[at]:.6g}", bounds)
 
     async def act(self, values: NDArray[np.float64], answer: Answer) -> None:
-        """Start what an action asks for, in ``answer`` what became of it; return when no arm follows it any more.
+        """Start an action and write its outcome into ``answer``; return when no arm follows it any more.
 
         Args:
             values: as ``checked`` returns them, inside their bounds.
-            answer: complete once this first waits.
+            answer: complete when this function first waits.
         """
         async with trio.open_nursery() as nursery:
             for arm, part in zip(self.arms, np.split(values, len(self.arms)), strict=True):
@@ -160,14 +159,14 @@ class Control:
         try:
             goal = np.clip(self._goal(arm, part), model.lower, model.upper)
             velocity = np.clip(now.velocity, -limits.velocity, limits.velocity)
-            point = now.q + velocity * period_s / 2  # of the B-spline that follows the goals
+            point = now.q + velocity * period_s / 2  # control point of the B-spline: see step_towards
             asked, moves = (goal - point) / period_s, (goal - before) / period_s
             shares = np.abs(asked) / limits.velocity, np.abs(asked - velocity) / (limits.acceleration * period_s)
             factor = float(np.max(shares))
             if self._kind == CARTESIAN:
                 moves = slowed_together(asked, velocity, limits, period_s)
                 goal = point + moves * period_s
-                if part[3:6].any():  # what is lost of a rotation is not made up
+                if part[3:6].any():  # a rotation that was cut short is not made up for
                     del self._held[arm]
             motion = step_towards(goal, moves, now.q, velocity, limits, period_s)
             self._goals[arm] = goal
@@ -186,7 +185,7 @@ class Control:
             self._goals[arm] = self._cell.robot.setpoint(arm).q
 
     def _goal(self, arm: str, part: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the joints (6,) that a part of an action asks of an arm."""
+        """Return the joints (6,) that an arm's part of an action asks for."""
         if self._kind == JOINTS:
             return part
         model, near, T_world_base = self._cell.arms[arm], self._goals[arm], self._cell.T_world_base_registered[arm]
@@ -204,16 +203,16 @@ class Control:
 def slowed_together(
     asked: NDArray[np.float64], velocity: NDArray[np.float64], limits: MotionLimits, period_s: float
 ) -> NDArray[np.float64]:
-    """Return the velocity (joints,) after a period, within limits, on the way from the present one to the asked one.
+    """Return the velocity (joints,) after a period: as near to the asked one as the limits allow.
 
-    All joints are slowed by the same factor, so that a tip that is to keep its orientation, or its line, nearly does:
-    the Jacobian times a mean of two joint velocities is the mean of the tip's.
+    All joints are slowed by the same factor. The result is then a mean of the present and the asked velocity, and so is
+    the tip's velocity (the Jacobian is linear): the tip nearly keeps its line and its orientation.
 
     Args:
-        asked: (joints,) velocity.
-        velocity: (joints,) now, within limits.
+        asked: (joints,) requested velocity.
+        velocity: (joints,) velocity now, within limits.
         limits: of the arm.
-        period_s: until another velocity is asked for.
+        period_s: time until another velocity is asked for.
     """
     asked = asked / max(1.0, float((np.abs(asked) / limits.velocity).max()))
     change = asked - velocity
@@ -221,7 +220,7 @@ def slowed_together(
 
 
 def observation_bounds(cell: Cell, arms: Sequence[str]) -> dict[str, tuple[NDArray, NDArray, list[str]]]:
-    """Return least and greatest values, and the names, of what ``Control.observe`` returns."""
+    """Return lower bounds, upper bounds and names of what ``Control.observe`` returns."""
     models = [cell.arms[arm] for arm in arms]
     low = np.hstack([np.append(m.lower, m.jaw.lower) for m in models]) - OVER
     high = np.hstack([np.append(m.upper, m.jaw.upper) for m in models]) + OVER
@@ -250,7 +249,7 @@ def _action_names(arms: Sequence[str], action: str, cell: Cell, mark: str = "_sp
 
 
 def _bounds(cell: Cell, arm: str, action: str, rate_hz: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return least and greatest values of an arm's part of an action."""
+    """Return lower and upper bounds of an arm's part of an action."""
     model = cell.arms[arm]
     low, high = model.lower, model.upper
     if action != JOINTS:
@@ -261,29 +260,29 @@ def _bounds(cell: Cell, arm: str, action: str, rate_hz: float) -> tuple[NDArray[
 
 
 def _untold(robot: Robot, arm: str) -> NDArray[np.float64] | float:
-    """Return what a model of the cables does not know of an arm: the push of noise in its commands, which is below it.
+    """Return the offset (6,) of an arm by injected noise (``Shaken``) that the compensation above it does not know.
 
-    Joints as the model estimates them are near what was asked for; the push has brought the arm away from there.
+    The compensation estimates the joints near the requested ones, but the push has moved the arm away from there.
     """
     below = robot.robot if isinstance(robot, Compensated) else None
     return below.push(arm) if isinstance(below, Shaken) else 0.0
 
 
 class Eyes:
-    """The cameras of a cell, each with its last image; a script takes them one after the other, for ever."""
+    """The cameras of a cell, each with its last image; ``watch`` takes images in turn."""
 
     def __init__(self, cell: Cell):
         self._cell = cell
         self.last: dict[str, Image] = {}
 
     async def watch(self) -> None:
-        """Take images."""
+        """Take images, camera by camera, until cancelled."""
         while True:
             for name, camera in self._cell.cameras.items():
-                self.last[name] = await camera.capture(whole_window(camera.model))  # or it would keep them all
+                self.last[name] = await camera.capture(whole_window(camera.model))  # with a window, it keeps none
 
     def observe(self) -> dict[str, NDArray[np.uint8]]:
-        """Return the last image (height, width, 3) of each camera; black before the first. Both eyes lie abreast."""
+        """Return each camera's last image (height, width, 3), black before the first; stereo images side by side."""
         found = {}
         for name, camera in self._cell.cameras.items():
             image = self.last.get(name)
@@ -291,11 +290,11 @@ class Eyes:
                 found[f"{IMAGES}.{name}"] = np.zeros(image_shape(camera.model), np.uint8)
             else:
                 color = image.color if isinstance(image, RgbdImage) else np.hstack([image.left, image.right])
-                found[f"{IMAGES}.{name}"] = np.array(color, dtype=np.uint8)  # whoever gets it may draw on it
+                found[f"{IMAGES}.{name}"] = np.array(color, dtype=np.uint8)  # a copy: the receiver may draw on it
         return found
 
 
 def image_shape(model: CameraModel) -> tuple[int, int, int]:
-    """Return height, width and 3 of a camera's image; both eyes lie abreast."""
+    """Return height, width and 3 of a camera's image; stereo images lie side by side."""
     eyes = [model] if isinstance(model, Intrinsics) else [model.left, model.right]
     return eyes[0].height, sum(eye.width for eye in eyes), 3

@@ -33,12 +33,12 @@ from trocar.learn.video import opened, write_video
 RECORD = b"trocar"
 """Key of an episode's record in the footer of its file."""
 DVRK = {"psm-classic": "dvrk", "psm-si": "dvrk"}
-"""What LeRobot calls the robot of an arm's type; others go by their own names."""
+"""LeRobot's name of the robot, by type of arm; other types keep their own names."""
 
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export wrote, and how many trials it left out: as failures, and as too short for a second frame."""
+    """What an export wrote, and how many trials it left out: failures, and those too short for a second frame."""
 
     episodes: int
     frames: int
@@ -49,7 +49,7 @@ class Exported:
 
 @dataclass
 class _Words:
-    """Words by which frames count, over all episodes."""
+    """Words that frames refer to by number, over all episodes."""
 
     tasks: dict[str, int] = field(default_factory=dict)
     steps: dict[str, int] = field(default_factory=dict)
@@ -66,11 +66,11 @@ def export_lerobot(
     successes: bool = False,
     tick: Tick = untold,
 ) -> Exported:
-    """Write trials of one run as a LeRobot data set, an episode each; what is already there is kept.
+    """Write trials of one run as a LeRobot data set, one episode each; episodes already there are kept.
 
     Args:
         trials: each is read once.
-        folder: made if it is not there.
+        folder: created if it does not exist.
         layout: ``lerobot`` (v3.0), or ``open-h`` (v2.1 with ``meta/modality.json``).
         commanded: whether actions are what was sent to the controller, instead of what the script asked for.
         truth: whether columns that only the referee knows are added.
@@ -123,7 +123,7 @@ def export_lerobot(
 
 
 def _opened_folder(folder: str | Path) -> Path:
-    """Return a folder that is empty or holds a data set that Trocar wrote, marked as such.
+    """Open a folder that is empty or holds a data set that Trocar wrote, and mark it as such.
 
     Raises:
         BadFile: it holds something else.
@@ -148,7 +148,7 @@ def _difference(first: tuple[Any, ...], other: tuple[Any, ...]) -> str:
 
 @dataclass(eq=False)
 class _Draft:
-    """An episode on its way to its files."""
+    """An episode that is being written."""
 
     place: Path
     layout: Layout
@@ -168,21 +168,21 @@ class _Draft:
         return self.robot, {key: one["names"] for key, one in self.features.items() if key not in cameras}, cameras
 
     def start(self, pool: ThreadPoolExecutor) -> None:
-        """Begin to write its videos, unless all of it is there."""
+        """Begin to write the videos, unless the whole episode is already there."""
         path = self.place / self.layout.data(self.number)
         found = _record_in(path)
         videos = {key: self.place / self.layout.video(key, self.number) for key in self.same[2]}
         if found is not None and found["record"] == self.record and all(file.is_file() for file in videos.values()):
             self._kept = found["statistics"]
             return
-        path.unlink(missing_ok=True)  # it says that all of the episode is there
+        path.unlink(missing_ok=True)  # this file says that the episode is complete
         for key, file in videos.items():
             make_folder(file.parent)
             taken, size = self.episode.images[key.removeprefix(IMAGES)], tuple(self.features[key]["shape"][:2])
             self._videos[key] = pool.submit(write_video, file, taken, self.episode.frames, FPS, size)
 
     def finished(self) -> Written:
-        """Write its frames, once its videos are there, and return what ``meta`` says about it."""
+        """Wait for the videos, write the frames, and return what ``meta`` says about the episode."""
         found = self._kept
         if found is None:
             found = {key: statistics(values) for key, values in self.columns.items() if isinstance(values, np.ndarray)}
@@ -198,7 +198,7 @@ class _Draft:
 
 
 def _digest(episode: Episode) -> str:
-    """Return a digest of an episode's numbers and images: a trial that was run again may have others."""
+    """Return a digest of an episode's numbers and images, which may differ if the trial was run again."""
     whole = hashlib.sha256()
     for name, values in episode.columns.items():
         whole.update(name.encode() + np.ascontiguousarray(values).tobytes())
@@ -209,7 +209,7 @@ def _digest(episode: Episode) -> str:
 
 
 def _draft(place: Path, layout: Layout, episode: Episode, number: int, start: int, words: _Words, robot: str) -> _Draft:
-    """Return an episode with the columns that every data set has, its words counted over all episodes."""
+    """Return an episode with the columns that every data set has, its words numbered over all episodes."""
     n = episode.frames
     columns: dict[str, Any] = {key: values.copy() for key, values in episode.columns.items()}
     for key, known, said in ((STEP, words.steps, episode.steps), (PHASE, words.phases, episode.phases)):
@@ -237,7 +237,7 @@ def _draft(place: Path, layout: Layout, episode: Episode, number: int, start: in
 
 
 def _array(values: Any) -> pa.Array:
-    """Return a column: of numbers (n, 1) plain values, of (n, k) lists of k."""
+    """Return a column: (n, 1) numbers as plain values, (n, k) as lists of k."""
     if not isinstance(values, np.ndarray):
         return pa.array(values, pa.string())
     width = values.shape[1]

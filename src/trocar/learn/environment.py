@@ -43,22 +43,22 @@ from trocar.sim.pace import Stepping
 from trocar.sim.world import PhysicsError
 
 REFEREE_S, REFEREE_SHARE = 1.0, 0.03
-"""The referee looks this often, later after this share of the time so far, and at the end. It goes through the whole
-episode each time: once a second, it took a quarter of the time of an episode of 100 s."""
+"""The referee scores at the end, and before only after at least this time, and this share of the time so far, since its
+last score. Each score goes through the whole episode: once a second took a quarter of the computing time of 100 s."""
 MAX_INDEX = 2**31
 SPARSE, DENSE = "sparse", "dense"
 REWARDS = (SPARSE, DENSE)
 DENSE_M = 0.1
-"""Being this much nearer to the next goal is worth as much as a goal that is reached."""
+"""Coming this much nearer to the next goal is worth as much as reaching a goal."""
 FREE_M = 10.0
-"""Bodies may fall this far."""
+"""Bound of free bodies' positions on each axis; they may fall."""
 
 
 class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
     """One task in the simulated cell.
 
-    An episode is a trial: the cables, bases and cameras of a session, and a scene. ``reset(seed=...)`` draws both; the
-    same seed gives the same bytes, on any machine. An episode is ``terminated`` once the referee counts all goals as
+    An episode is a trial: a session (cables, bases, cameras) and a scene. ``reset(seed=...)`` draws both; the same seed
+    gives the same bytes, on any machine. An episode is ``terminated`` once the referee counts all goals as
     reached, and ``truncated`` when the task's budget is spent, or if the physics broke down (``info["void"]``).
 
     Args:
@@ -67,23 +67,23 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             world; ``cartesian-absolute``: position and quaternion x, y, z, w. Jaws are always absolute. Metres and rad.
         observation: ``state``, ``objects`` (what the task's perception finds), ``images``, ``privileged`` (the truth:
             poses of all free bodies), or several of them.
-        reward: ``sparse``: how many goals more the referee counts as reached; ``dense``: also by how much less is left
-            to be done of the next goal, 1 a decimetre: from the nearest working tip to its object, and from there to
-            where it belongs. The truth is used for it.
-        rate_hz: steps a second of the cell's clock.
-        calibrated: whether the cables are compensated, below the actions, by a model that is fitted in each session.
-        station: where; empty: the task's.
+        reward: ``sparse``: number of goals that the referee newly counts as reached; ``dense``: in addition, 1 for each
+            decimetre by which the remaining distance of the next goal shrinks: from the nearest working tip to the
+            goal's object, and on to where the object belongs. It is computed from the truth.
+        rate_hz: steps per second of the cell's clock.
+        calibrated: whether the cables are compensated, below the actions, by a model fitted in each session.
+        station: name or file of the station; empty: the task's.
         difficulty: ``mild``, ``recorded`` or ``harsh``.
-        flaws: sizes of single flaws, as ``registration=1.0mm``.
+        flaws: sizes of single flaws, such as ``registration=1.0mm``.
         calibration: what cable models are fitted on, ``joints`` or ``images``.
-        seed: of the sessions.
-        sessions: of which each episode draws one.
+        seed: seed of the sessions.
+        sessions: number of sessions; each episode draws one of them.
         plugins: files that register the task or what it needs.
         render_mode: ``rgb_array``: a picture; ``human``: a page in the browser.
-        **options: of the task, such as ``variant`` or ``budget_s``.
+        **options: options of the task, such as ``variant`` or ``budget_s``.
 
     Raises:
-        InvalidInput: an option that does not exist or fit; says which.
+        InvalidInput: an option is unknown, or its value does not fit.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 30}  # noqa: RUF012
@@ -169,7 +169,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
 
     @property
     def observation_names(self) -> dict[str, list[str]]:
-        """Return the names of the numbers of each part of an observation, but for images."""
+        """Return the names of the numbers in each part of an observation, except images."""
         names = {key: names for key, (_, _, names) in self._bounds().items() if key in self.observation_space.spaces}  # type: ignore[attr-defined]
         if self._observation.objects is not None:
             names[OBJECTS] = list(self._observation.objects.names)
@@ -181,11 +181,11 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Draw a session and a scene; return the first observation and what is known about it.
+        """Draw a session and a scene; return the first observation and info.
 
         Args:
-            seed: of this episode and those that follow; None: go on with the last one.
-            options: ``session`` and ``trial``, numbers: those of ``trocar run`` with the same seed of the sessions.
+            seed: seed of this and the following episodes; None: the random stream goes on.
+            options: ``session`` and ``trial``: numbers, as in ``trocar run`` with the same seed of the sessions.
         """
         super().reset(seed=seed)
         session, index = (int(self.np_random.integers(most)) for most in (self.config.sessions, MAX_INDEX))
@@ -223,14 +223,14 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         self._stepping.__enter__()
 
     def step(self, action: ArrayLike) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:  # type: ignore[override]
-        """Let an action take its time; return observation, reward, terminated, truncated and info.
+        """Play an action for one step; return observation, reward, terminated, truncated and info.
 
-        The reward is how many goals more the referee counts as reached; it looks once a second, less often after half
-        a minute, and at the end. A dense one adds what was gained on the way.
+        The reward is the number of newly reached goals. The referee scores once a second, less often after half a
+        minute, and at the end. A dense reward adds the progress towards the next goal.
 
         Raises:
-            InvalidInput: the action has another shape, is not finite or leaves its bounds (nothing has moved then), or
-                there is no episode that could go on.
+            InvalidInput: the action has the wrong shape, is not finite or leaves its bounds (nothing has moved then);
+                or no episode is running.
         """
         if self._over or self._stepping is None:
             raise InvalidInput("step()", "has no episode to go on with: none has begun, or it is over", "call reset()")
@@ -256,20 +256,20 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         return self._observed_now(), float(self._reached - before + gained_m / DENSE_M), terminated, truncated, info
 
     def _remaining_m(self) -> float:
-        """Return what is left to be done of the next goal; 0 where the reward is sparse."""
+        """Return the remaining distance of the next goal; 0 if the reward is sparse."""
         goals = self.config.task.goals()
         open_goals = [goal for goal, score in zip(goals, self._scores, strict=True) if not score["succeeded"]]
         if not (self._dense and open_goals):
             return 0.0
         world, arms = self._laboratory.world, self.config.arms
         found = self._laboratory.task.errand(open_goals[0])
-        assert found is not None  # asked when the environment was made
+        assert found is not None  # checked in `__init__`
         tips = [world.T_world_base[arm] @ fk(world.models[arm], world.joints(arm)) for arm in arms]
         reach_m = min(float(np.linalg.norm(tip.translation_m - found[0])) for tip in tips)
         return reach_m + float(np.linalg.norm(found[1] - found[0]))
 
     def _referee(self, *, force: bool) -> None:
-        """Score what has happened, if it is time to."""
+        """Score the episode so far, if a score is due."""
         now_s, laboratory = self._laboratory.now_s(), self._laboratory
         if force or now_s >= self._scored_s + max(REFEREE_S, REFEREE_SHARE * self._scored_s):
             scores = self.config.task.score(laboratory.truth(), laboratory.log.events)
@@ -302,7 +302,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         }
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """Return a picture (height, width, 3), or show the cell on its page; people alone get this view."""
+        """Return a picture (height, width, 3), or show the cell on its page; for people, not for policies."""
         if self.render_mode is None:
             raise InvalidInput("render()", "has no mode", "make the environment with render_mode='rgb_array'")
         laboratory = self._laboratory
@@ -345,7 +345,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         self._over = True
 
     def close(self) -> None:
-        """End the cell, its page and its files."""
+        """End the cell, close its page and delete its files."""
         self._stop()
         if self._page is not None:
             self._page[1].close()

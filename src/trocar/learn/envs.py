@@ -1,6 +1,6 @@
 """The environments by name: after ``import trocar.learn.envs``, ``gymnasium.make("trocar/PegTransfer-v0")``.
 
-There is one for each task, and for each that is registered later.
+Each task has one, including tasks that are registered later.
 """
 
 from __future__ import annotations

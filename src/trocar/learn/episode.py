@@ -1,4 +1,4 @@
-"""A trial as an episode of a data set: what a policy sees and is to do at 30 frames a second."""
+"""A trial as an episode of a data set: observations and actions at 30 frames per second."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STATE, ACTION, STEP, PHASE, REWARD, DONE = (
     *("subtask_index", "phase_index", "next.reward", "next.done"),
 )
 TRUTH = "truth."
-"""Prefix of columns that only a referee knows. LeRobot's policies take ``observation...`` and ``action...`` alone."""
+"""Prefix of columns that only the referee knows. LeRobot's policies read only ``observation...`` and ``action...``."""
 NO_PHASE = "other"
 _OF_SCORE = ("attempted", "available", "succeeded", "failure", "reason", "start_s", "end_s")
 
@@ -36,13 +36,13 @@ class Episode:
     """One episode.
 
     Attributes:
-        columns: (n, k) of each feature, n frames.
-        names: of the k numbers of each feature.
+        columns: (n, k) values of each feature in n frames.
+        names: names of the k numbers of each feature.
         task: what is to be done, in words.
-        steps: what is being done, in words, by which ``subtask_index`` counts.
-        phases: names by which ``phase_index`` counts.
-        images: of each camera: the times from which on they were the last image, and their files.
-        about: what else is known of it, as JSON values: where it is from, success, failures, goals, spans.
+        steps: what is being done, in words; ``subtask_index`` refers to them.
+        phases: names of phases; ``phase_index`` refers to them.
+        images: by camera: the time from which each image is the latest, and the image's file.
+        about: metadata as JSON values: origin, success, failures, goals, spans.
     """
 
     columns: Mapping[str, NDArray[Any]]
@@ -55,30 +55,31 @@ class Episode:
 
     @property
     def frames(self) -> int:
-        """Return the number of its frames."""
+        """Return the number of frames."""
         return len(self.columns[STATE])
 
 
 def too_short(trial: Trial) -> bool:
-    """Return whether a trial ended before its second frame: its policy failed at once, say."""
+    """Return whether a trial ended before its second frame, for example because its policy failed at once."""
     return bool(trial.times_s[-1] < 1 / FPS)
 
 
 def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) -> Episode:
     """Return a trial as an episode.
 
-    Frame k is at k / 30 s; joints are interpolated between the ticks of 10 ms before and after it. Its state is what
-    the encoders read there, or, if observations were noted, what a policy would observe: joints as a model of the
-    cables estimates them. Its action is what the script asked for by the next frame, before cables were compensated.
+    Frame k is at k / 30 s; joints are interpolated linearly between ticks of 10 ms. Its state is the encoders' reading
+    or, if the trial noted observations, what a policy would observe: the joints as the cable model estimates them. Its
+    action is what the script asked for at the next frame, before the cables were compensated.
 
     Args:
         trial: a finished trial.
-        commanded: whether its actions are what was sent to the controller instead, corrected for the cables, and its
-            state what the encoders read in any case: what a policy for raw cables observes and does.
+        commanded: for a policy on raw cables: actions are what was sent to the controller, corrected for the cables,
+            and states are always the encoders' readings.
         truth: whether columns that only the referee knows are added.
 
     Raises:
-        InvalidInput: it has fewer than two frames, or its truth is asked for and nobody knows it.
+        InvalidInput: the trial has fewer than two frames, has command noise although ``commanded`` is given, or is of
+            real arms although ``truth`` is given.
     """
     arms = [str(arm) for arm in trial.about["arms"]]
     times_s = np.arange(0, trial.times_s[-1] * FPS + 1e-6) / FPS
@@ -137,7 +138,7 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
 
 
 def _observed(trial: Trial, frames: int) -> dict[str, NDArray[np.float32]]:
-    """Return what was noted of a policy's observations (frames, k), the last one until the end."""
+    """Return the noted observations (frames, k) of a policy; the last one is repeated until the end."""
     noted = {
         name: trial.arrays[PREFIX + name] for name in (control.STATE, control.OBJECTS) if PREFIX + name in trial.arrays
     }
@@ -145,7 +146,7 @@ def _observed(trial: Trial, frames: int) -> dict[str, NDArray[np.float32]]:
 
 
 def _about(trial: Trial) -> dict[str, Any]:
-    """Return what is known of an episode besides its frames."""
+    """Return the metadata of an episode."""
     counts = [score for score in trial.scores if score["attempted"]]
     reached = sum(bool(score["succeeded"]) for score in counts)
     return {
@@ -163,14 +164,14 @@ def _about(trial: Trial) -> dict[str, Any]:
 
 
 def succeeded(trial: Trial) -> bool:
-    """Return whether a trial came to its end and reached all goals that it attempted."""
+    """Return whether a trial finished and reached all goals that it attempted."""
     counts = [bool(score["succeeded"]) for score in trial.scores if score["attempted"]]
     return trial.finished and bool(counts) and all(counts)
 
 
 @dataclass(frozen=True)
 class Demonstration:
-    """What a study of demonstrations keeps of a trial: whose it is, whether it reached all its goals, its duration."""
+    """What a study of demonstrations keeps of a trial."""
 
     fingerprint: str  # of its run
     session: int
@@ -187,7 +188,7 @@ DEMONSTRATION = RowKind(Demonstration, _demonstration)
 
 
 def _numbered(words: Iterable[str]) -> tuple[list[str], NDArray[np.int64]]:
-    """Return the different words in order, and the number of each."""
+    """Return the distinct words in order of appearance, and for each given word its number among them."""
     numbers: dict[str, int] = {}
     found = np.array([numbers.setdefault(word, len(numbers)) for word in words], dtype=np.int64)
     return list(numbers), found
@@ -214,12 +215,12 @@ def _steps(trial: Trial, arms: Sequence[str], times_s: NDArray[np.float64]) -> l
 
 
 def _short(value: Any) -> bool:
-    """Return whether a field of a score tells which goal it is, not how well it was done."""
+    """Return whether a score's field says which goal it is, rather than how well it was done."""
     return isinstance(value, int | str) and not isinstance(value, bool) and value != ""
 
 
 def _phases(trial: Trial, arms: Sequence[str], times_s: NDArray[np.float64]) -> NDArray[Any]:
-    """Return the names (n, arms) of what each arm does; where spans overlap, of the one that began first."""
+    """Return the name (n, arms) of each arm's span; where spans overlap, of the one that began first."""
     found = np.full((len(times_s), len(arms)), NO_PHASE, dtype=object)
     for span in sorted(trial.spans, key=lambda span: -span.start_s):
         if span.arm in arms:
@@ -228,6 +229,6 @@ def _phases(trial: Trial, arms: Sequence[str], times_s: NDArray[np.float64]) -> 
 
 
 def _rewards(trial: Trial, frames: int) -> NDArray[np.float32]:
-    """Return how many goals the referee counted as reached by the end of each frame."""
+    """Return the number of goals that were reached in each frame."""
     reached = [min(int(score["end_s"] * FPS), frames - 1) for score in trial.scores if score["succeeded"]]
     return np.bincount(np.array(reached, dtype=int), minlength=frames).astype(np.float32)

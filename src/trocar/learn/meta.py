@@ -25,13 +25,13 @@ INSTRUCTION = "instruction.text"
 
 @dataclass(frozen=True)
 class Layout:
-    """Where things are.
+    """Paths and format of a data set.
 
     Attributes:
-        name: on the command line.
-        version: of LeRobot's format.
-        data_path: template of an episode's frames.
-        video_path: template of an episode's video of a camera.
+        name: its name on the command line.
+        version: version of LeRobot's format.
+        data_path: template of the path of an episode's frames.
+        video_path: template of the path of an episode's video of a camera.
         instructions: whether each frame says in words what is being done.
     """
 
@@ -66,7 +66,7 @@ LAYOUTS = {
         instructions=True,
     ),
 }
-"""By the names on the command line."""
+"""Layouts by their names on the command line."""
 
 
 def _place(number: int) -> dict[str, int]:
@@ -79,13 +79,13 @@ class Written:
     """An episode whose files are written.
 
     Attributes:
-        number: of the episode.
-        frames: how many.
-        task: in words.
-        features: as ``info.json`` has them.
-        statistics: of each feature that is a number or a picture.
-        about: what else is known of it.
-        robot: its type.
+        number: its number.
+        frames: number of frames.
+        task: what is to be done, in words.
+        features: as in ``info.json``.
+        statistics: of each numeric or video feature.
+        about: metadata.
+        robot: type of the robot.
     """
 
     number: int
@@ -110,7 +110,7 @@ def write_meta(
     steps: list[str],
     phases: list[str],
 ) -> None:
-    """Write everything but frames and videos; ``info.json``, without which nobody reads a data set, last."""
+    """Write everything but frames and videos; ``info.json`` last, since no reader takes a data set without it."""
     meta = make_folder(Path(folder) / "meta")
     (meta / "info.json").unlink(missing_ok=True)
     merged = {key: together([one.statistics[key] for one in episodes]) for key in episodes[0].statistics}
@@ -183,7 +183,7 @@ def _write_v30(meta: Path, episodes: Sequence[Written], tasks: list[str], steps:
 
 
 def _told(one: Written) -> dict[str, Any]:
-    """Return what is known of an episode besides its frames, what is nested as JSON."""
+    """Return the metadata of an episode, nested values as JSON."""
     return {key: json.dumps(value) if key in ("goals", "spans") else value for key, value in one.about.items()}
 
 
@@ -206,7 +206,7 @@ _WRITERS: dict[str, Callable[[Path, Sequence[Written], list[str], list[str]], No
 
 
 def modality(features: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return what GR00T is told of the numbers: which are positions, orientations and jaws."""
+    """Return GR00T's description of the numbers: which are positions, orientations and jaws."""
 
     def parts(key: str, arm: str, start: int) -> dict[str, Any]:
         position, orientation = (start, start + 3, None), (start + 3, start + 7, "quaternion")
@@ -236,7 +236,7 @@ def modality(features: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def readme(folder: str | Path, episodes: Sequence[Written], layout: str, tasks: Sequence[str]) -> None:
-    """Write the card, which also marks the folder as a data set of Trocar's."""
+    """Write the card, which also marks the folder as a data set that Trocar wrote."""
     frames, reached = sum(one.frames for one in episodes), sum(bool(one.about["success"]) for one in episodes)
     robot = episodes[0].robot if episodes else ""
     cameras = [key.removeprefix(IMAGES) for key in episodes[0].cameras] if episodes else []
@@ -289,7 +289,7 @@ Scripts stand still while they look and compute. Failures are there unless they 
 
 
 def _words(path: Path, name: str, words: Sequence[str]) -> None:
-    """Write words by number, with pandas' mark that they are the index, as LeRobot writes them."""
+    """Write words and their numbers, with the words as pandas' index, as LeRobot does."""
     number = f"{name}_index"
     kinds = {number: ("int64", "int64"), name: ("unicode", "object")}
     described = [

@@ -18,18 +18,19 @@ from trocar.learn.control import ABSOLUTE, IMAGES, OBJECTS, STATE, Control, Eyes
 SEEN = (STATE, OBJECTS, IMAGES)
 """Parts of an observation that need no truth."""
 NOTED = "observed"
-"""Name of the event that has the names of the objects' numbers."""
+"""Name of the event that lists the names of the objects' numbers."""
 PREFIX = "observed_"
-"""Of the arrays of a trial beside which observations were noted: ``observed_state``, ``observed_objects``."""
+"""Prefix of the arrays of noted observations in a trial: ``observed_state``, ``observed_objects``."""
 
 
 class Observation:
-    """Observations of a cell in which something is going on.
+    """What a policy observes of a running cell.
 
     Args:
-        control: of the arms.
+        cell: the cell.
+        control: control of the arms.
         parts: which of ``SEEN`` are observed.
-        objects: makes what sees the objects, called only if they are observed.
+        objects: makes the task's ``Objects``; called only if objects are observed.
     """
 
     def __init__(self, cell: Cell, control: Control, parts: Sequence[str], objects: Callable[[], Objects] | None):
@@ -49,13 +50,13 @@ class Observation:
         return self.eyes is not None or self.objects is not None
 
     async def watch(self, cell: Cell) -> None:
-        """Take the images that are needed, for ever."""
+        """Take the images that are needed, until cancelled."""
         async with trio.open_nursery() as nursery:
             if self.eyes is not None:
                 nursery.start_soon(self.eyes.watch)
             if self.objects is not None:
                 nursery.start_soon(self.objects.watch)
-            await trio.sleep_forever()  # a stepped cell lasts as long as this script; all objects may have been seen
+            await trio.sleep_forever()  # a stepped cell ends with this script; the others may end before
 
     def now(self) -> dict[str, NDArray[Any]]:
         """Return the observation of this moment."""
@@ -68,11 +69,11 @@ class Observation:
 
 
 class Observed:
-    """An agent beside which what a policy would observe is noted, 30 times a second.
+    """Runs an agent and notes, 30 times per second, what a policy would observe.
 
     Args:
-        agent: does the task.
-        context: of the agent.
+        agent: the agent that does the task.
+        context: the agent's context.
     """
 
     def __init__(self, agent: Agent, context: AgentContext):

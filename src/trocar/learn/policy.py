@@ -21,20 +21,20 @@ from trocar.errors import BadFile, InvalidInput, TrocarError
 from trocar.registry import load_file
 
 Policy = Callable[[Mapping[str, Any]], Any]
-"""Returns the action for an observation; None: it is done."""
+"""A function that returns the action for an observation; None: the policy is done."""
 SERVER = "tcp://"
 MOST_BYTES = 1 << 20
-"""Of a server's answer: one action."""
+"""Largest answer of a server (one action)."""
 IN_FOLDER = "policy.py"
 WHAT = "give a folder with a policy.py, FILE.py:function, module:function, or tcp://HOST:PORT"
 
 
 def policy_digest(policy: str) -> str:
-    """Return the SHA-256 of the files that a policy consists of; empty where they are not known.
+    """Return a digest of a policy's files; empty for a module or a server, whose files are not known.
 
     Raises:
-        BadFile: there is none.
-        InvalidInput: it is none of what a policy can be.
+        BadFile: the file does not exist, or the folder has no ``policy.py``.
+        InvalidInput: ``policy`` has none of the forms that ``load_policy`` takes.
     """
     path = Path(policy) if Path(policy).is_dir() else Path(policy.rpartition(":")[0] or policy)
     if policy.startswith(SERVER) or not (path.suffix == ".py" or Path(policy).exists()):
@@ -52,19 +52,21 @@ def policy_digest(policy: str) -> str:
 
 @contextmanager
 def load_policy(policy: str, digest: str = "", timeout_s: float = 10.0) -> Iterator[Policy]:
-    """Give a policy that is ready for one trial.
+    """Yield a policy that is ready for one trial.
 
     Args:
         policy: ``DIR`` with a ``policy.py`` whose ``make(folder)`` returns the policy; ``FILE.py:name`` or
-            ``module:name`` of a function of an observation, or of a class whose instances are one;
-            ``tcp://HOST:PORT`` of a server, which gets one JSON object a line, ``{"observation": {name: numbers}}``
-            (images as ``{"shape": [...], "data": base64}``), and answers ``{"action": [...]}``, or null when it is
-            done; ``{"reset": true}`` begins a trial and is not answered.
-        digest: that its files must have; empty: any.
-        timeout_s: for an answer, or for loading it.
+            ``module:name`` of a function of an observation, or of a class whose instances are such functions; or
+            ``tcp://HOST:PORT`` of a server. The server reads one JSON object per line,
+            ``{"observation": {name: numbers}}`` (images as ``{"shape": [...], "data": base64}``), and answers
+            ``{"action": [...]}``, or ``{"action": null}`` when done. ``{"reset": true}`` begins a trial; it does not
+            answer that.
+        digest: required digest of its files; empty: any.
+        timeout_s: limit for loading it, and for each answer.
 
     Raises:
-        InvalidInput: there is no such policy, or it has changed. Asked: it raised an error or did not answer in time.
+        InvalidInput: there is no such policy, or it has changed; when called: it raised an error or did not answer in
+            time.
     """
     if digest and policy_digest(policy) != digest:
         raise InvalidInput(f"policy {policy!r}", "has changed since this run began", "choose another --out")
@@ -112,7 +114,7 @@ def _member(module: Any, name: str, policy: str) -> Any:
 
 
 class _Worker:
-    """A thread that calls a policy, so that one that hangs does not hang the trial."""
+    """A thread that calls a policy, so that a policy that hangs does not hang the trial."""
 
     def __init__(self, item: str, timeout_s: float):
         self._item, self._timeout_s = item, timeout_s
@@ -142,7 +144,7 @@ class _Worker:
         return found
 
     def stop(self) -> None:
-        """End the thread once it waits."""
+        """End the thread after its current call."""
         self._work.put(None)
 
 
@@ -164,7 +166,7 @@ def _served(policy: str, timeout_s: float) -> Iterator[Policy]:
             link.sendall(json.dumps(what).encode() + b"\n")
 
         def answer() -> bytes:
-            """Return the next line, all of which must come in time."""
+            """Return the next line; all of it must arrive in time."""
             nonlocal unread
             end_s = time.monotonic() + timeout_s
             while b"\n" not in unread:

@@ -1,8 +1,8 @@
-"""Poses of tips as data sets of dVRKs have them: position, quaternion xyzw and jaw of each arm, in metres and rad.
+"""Poses of tips as in dVRK data sets: position, quaternion xyzw and jaw of each arm, in metres and rad.
 
-Poses are in the world, by the base of an arm as it was registered. A quaternion and its negative are the same turn: of
-the first one of an episode, where arms are parked, the largest part is positive, and each is on the side of the one
-before. So episodes do not differ by signs, and numbers do not jump.
+Poses are in the world, by the registered base of each arm. A quaternion and its negative are the same rotation. In the
+first quaternion of an episode, where arms are parked, the largest component is positive; each later one has the sign
+that is nearer to the one before. So episodes do not differ by signs, and numbers do not jump.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from trocar.errors import OutOfReach
 from trocar.geometry import SE3, SO3, steady
 
 WIDTH = 8
-"""Numbers of one arm."""
+"""Numbers per arm."""
 _PARTS = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
 
 
 def state_names(arms: Sequence[str]) -> list[str]:
-    """Return the names of what arms measure, as Open-H's data sets of dVRKs have them."""
+    """Return the names of measured numbers, as in Open-H's dVRK data sets."""
     return [name for arm in arms for name in (*(f"{arm}_pose.{part}" for part in _PARTS), f"{arm}_jaw")]
 
 
 def action_names(arms: Sequence[str]) -> list[str]:
-    """Return the names of what arms are asked for, likewise."""
+    """Return the names of set-points' numbers, as in Open-H's dVRK data sets."""
     return [name for arm in arms for name in (*(f"{arm}_sp.{part}" for part in _PARTS), f"{arm}_jaw_sp")]
 
 
 def turn_beside(xyzw: NDArray[np.float64], before: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """Return a quaternion (4,), or its negative: which of both is on the side of the one before, None: of none."""
+    """Return a quaternion (4,) or its negative: the one nearer to ``before``; None: with its largest part positive."""
     side = xyzw[np.abs(xyzw).argmax()] if before is None else before @ xyzw
     return -xyzw if side < 0 else xyzw
 
@@ -47,13 +47,13 @@ def vectors(arm: ArmModel, T_world_base: SE3, rows: NDArray[np.float64]) -> NDAr
 
 
 def joints(arm: ArmModel, T_world_base: SE3, values: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray:
-    """Return joints and jaw (n, 7) from the numbers (n, 8) of one arm, each near the one before.
+    """Return joints and jaw (n, 7) from the numbers (n, 8) of one arm, each solution near the one before.
 
     Args:
         arm: the robot type.
-        T_world_base: its base.
+        T_world_base: pose of its base.
         values: as :func:`vectors` returns them.
-        start: (6,) joints near which the first one is.
+        start: (6,) joints near the first solution.
 
     Raises:
         OutOfReach: a pose has no solution within the limits; says which one.

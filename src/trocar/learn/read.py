@@ -1,4 +1,4 @@
-"""An episode of anybody's LeRobot data set, v2.x or v3.x, as commands of arms; nothing that it claims is trusted."""
+"""Read an episode of any LeRobot data set, v2.x or v3.x, as commands of arms; its claims are checked, not trusted."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from trocar.learn.episode import ACTION, STATE
 from trocar.learn.poses import WIDTH, action_names, state_names
 
 LATE = 0.5
-"""A frame may be this share of the time between two frames early or late."""
+"""How early or late a frame may be, as a share of the frame period."""
 USUAL_CHUNK = 1000
-"""Episodes in a chunk where a data set does not say how many."""
+"""Episodes per chunk if a data set does not say."""
 FIRST = re.compile(r"(\w+)_sp\.position\.x")
 CUT = "is no Parquet file that can be read: it may be cut"
 
@@ -32,9 +32,9 @@ class Recorded:
     """What one episode recorded.
 
     Attributes:
-        fps: frames a second.
-        actions: (n, 8) what each arm was asked for, by its name (``trocar.learn.poses``).
-        states: (n, 8) what each arm measured; empty if the data set does not have it.
+        fps: frames per second.
+        actions: (n, 8) set-points by arm (``trocar.learn.poses``).
+        states: (n, 8) measurements by arm; empty if the data set has none.
     """
 
     fps: float
@@ -43,12 +43,12 @@ class Recorded:
 
     @property
     def frames(self) -> int:
-        """Return the number of its frames."""
+        """Return the number of frames."""
         return len(next(iter(self.actions.values())))
 
     @property
     def digest(self) -> str:
-        """Return a digest of its numbers."""
+        """Return a digest of all numbers."""
         whole = hashlib.sha256(repr(self.fps).encode())
         for of_arms in (self.actions, self.states):
             for arm, values in sorted(of_arms.items()):
@@ -57,7 +57,7 @@ class Recorded:
 
 
 def read_episode(folder: str | Path, number: int = 0) -> Recorded:
-    """Return an episode of a data set whose actions are named as those of dVRKs (``psm1_sp.position.x`` ...).
+    """Return an episode of a data set whose actions are named like those of dVRKs (``psm1_sp.position.x`` ...).
 
     Raises:
         BadFile: it is no data set, a file is missing or cut, a column or a frame is missing, or frames do not come at
@@ -94,7 +94,7 @@ def read_episode(folder: str | Path, number: int = 0) -> Recorded:
 
 
 def _info(folder: Path) -> dict[str, Any]:
-    """Return what a data set says about itself, checked as far as it is used."""
+    """Return the content of ``meta/info.json``, checked as far as it is used."""
     path = folder / "meta" / "info.json"
     if not path.is_file():
         raise BadFile(folder, "has no meta/info.json", "give the folder of a LeRobot data set", kind="folder")
@@ -119,7 +119,7 @@ def _info(folder: Path) -> dict[str, Any]:
 
 
 def _file_of(folder: Path, info: Mapping[str, Any], number: int) -> tuple[Path, int]:
-    """Return the file of an episode's frames, and how many it should have."""
+    """Return the file of an episode's frames, and how many frames it should have."""
     place = {"episode_chunk": number // info["chunks_size"], "episode_index": number}
     if info["codebase_version"].startswith("v3"):
         wanted = ["episode_index", "length", "data/chunk_index", "data/file_index"]
@@ -200,7 +200,7 @@ def _require_rate(path: Path, times_s: NDArray[np.float64], fps: float) -> None:
 
 
 def _names(folder: Path, info: Mapping[str, Any], key: str) -> list[str]:
-    """Return the names of a feature's numbers: a list, a list in a list, or lists by kind."""
+    """Return the names of a feature's numbers, stored as a list, a list in a list, or lists by kind."""
     feature = info["features"].get(key)
     if not isinstance(feature, dict):
         has = ", ".join(info["features"])
@@ -215,7 +215,7 @@ def _names(folder: Path, info: Mapping[str, Any], key: str) -> list[str]:
 def _of_arms(
     folder: Path, names: Sequence[str], wanted: Any, arms: Sequence[str], values: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the numbers (n, 8) of each arm, wherever they are among the others."""
+    """Return the numbers (n, 8) of each arm, found by their names."""
     found = {}
     for arm in arms:
         missing = [name for name in wanted([arm]) if name not in names]

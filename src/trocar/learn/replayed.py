@@ -1,4 +1,4 @@
-"""Anybody's recorded commands, replayed in the cell: what they would have done on cables that err."""
+"""Recorded commands, replayed in the cell: what they would have done on cables with errors."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from trocar.trajectory import Trajectory
 WORLD, BASE = "world", "base"
 METHOD, COMPENSATED = "recorded", "recorded-compensated"
 REPLAYED = "replayed"
-"""The event that a replay notes at its end."""
+"""The event that a replay logs at its end."""
 SLOWER = 1.05
-"""Steps between frames get this much more time than the limit of velocity asks for."""
+"""Steps between frames take at least this multiple of the time that the velocity limits require."""
 MOST_LATE = 6
-"""Arms are taken to follow what they are asked for within fewer than this many frames."""
+"""Recorded arms are assumed to lag behind their commands by fewer frames than this."""
 LOOK_S = 0.01
 
 
@@ -41,8 +41,8 @@ class Source:
     Attributes:
         data: folder of the data set.
         episode: number of the episode in it.
-        frame: in which its poses are: ``world``, or each arm's own ``base``.
-        digest: of its numbers, so that another episode of this name is another run.
+        frame: frame of its poses: ``world``, or each arm's own ``base``.
+        digest: digest of its numbers, so that another episode at this place is another run.
     """
 
     data: str = ""
@@ -56,7 +56,7 @@ class Source:
 
 
 class Replay:
-    """Moves to where the commands begin, then plays them, slower where the arms' limits ask for it."""
+    """Moves to where the commands begin, then plays them, slower where the arms' limits require it."""
 
     def __init__(self, context: AgentContext):
         self.cell, self.source = context.cell, context.settings
@@ -87,14 +87,14 @@ class Replay:
         return joints(self.cell.arms[arm], base, values, self.cell.robot.setpoint(arm).q)
 
     async def _done(self, motions: Mapping[str, Trajectory]) -> None:
-        """Move, and raise what stopped an arm on its way."""
+        """Move, and raise the error that stopped an arm on its way."""
         results: Mapping[str, MotionResult] = await self.cell.robot.move(motions)
         for result in results.values():
             if result.cause is not None:
                 raise result.cause
 
     async def _follow_jaws(self, arm: str, times_s: NDArray[np.float64], angles_rad: NDArray[np.float64]) -> None:
-        """Hand over each new opening when the arm's path comes to its frame; the last one is waited for."""
+        """Command each new jaw angle when the arm's path reaches its frame; return when all jaws have arrived."""
         async with trio.open_nursery() as nursery:
             for frame in np.flatnonzero(np.diff(angles_rad)) + 1:
                 while self.cell.robot.setpoint(arm).path_s < times_s[frame] - 1e-9:
@@ -109,20 +109,20 @@ class Replay:
 def _times(
     rows: Mapping[str, NDArray[np.float64]], fps: float, velocity: Mapping[str, NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Return when each frame is due: as recorded, later where a step would be faster than the limits (6,) of an arm."""
+    """Return when each frame is due: as recorded, but later where a step would exceed the limits (6,) of an arm."""
     needed = np.max([np.abs(np.diff(q[:, :6], axis=0) / velocity[arm]).max(axis=1) for arm, q in rows.items()], axis=0)
     return np.append(0.0, np.cumsum(np.maximum(1 / fps, SLOWER * needed)))
 
 
 def _through(times_s: NDArray[np.float64], q: NDArray[np.float64]) -> Trajectory:
     """Return the spline through joints (n, 6), from rest to rest."""
-    from scipy.interpolate import CubicSpline  # half a second
+    from scipy.interpolate import CubicSpline  # importing it takes half a second
 
     return Trajectory(times_s, CubicSpline(times_s, q, bc_type="clamped").c)
 
 
 def register(task: str) -> None:
-    """Offer a task the methods that replay a data set, on encoders as they are and above the compensation."""
+    """Register a task's methods that replay a data set: on raw encoders, and above the compensation."""
     about = "commands that a data set recorded, replayed"
     made = partial(Method, agent=Lazy("trocar.learn.replayed:Replay"), settings=Source)
     methods = {METHOD: made(about), COMPENSATED: made(f"{about}, cables compensated", calibrated=True)}
@@ -133,14 +133,14 @@ def register(task: str) -> None:
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far an arm was from where it was recorded, and how long both took.
+    """How far an arm was from where it was recorded.
 
     Attributes:
         tip_end_m: distance of the tips at the end.
-        tip_rms_m: over all frames.
-        tip_max_m: likewise, the largest.
-        jaw_end_rad: recorded minus replayed opening at the end.
-        jaw_rms_rad: over all frames.
+        tip_rms_m: RMS distance over all frames.
+        tip_max_m: largest distance.
+        jaw_end_rad: replayed minus recorded opening at the end.
+        jaw_rms_rad: RMS difference over all frames.
     """
 
     tip_end_m: float
@@ -151,10 +151,10 @@ class Deviation:
 
 
 def deviations(trial: Trial, source: Source) -> tuple[dict[str, Deviation], dict[str, float]]:
-    """Return how far each arm truly was from where it was recorded, and ``recorded_s``, ``replayed_s``, ``lag_s``.
+    """Return each arm's true deviation from its recording, and the times ``recorded_s``, ``replayed_s``, ``lag_s``.
 
-    Arms follow what they are asked for with a lag. When they were recorded it was the number of frames by which actions
-    fit states best; states are compared with the replay so much earlier.
+    Recorded states lag behind the actions. The lag is taken as the shift by which actions fit states best; each
+    recorded state is compared with the replay that much earlier.
 
     Raises:
         InvalidValue: the replay did not come to its end; says why.
@@ -182,7 +182,7 @@ def deviations(trial: Trial, source: Source) -> tuple[dict[str, Deviation], dict
 
 
 def _lag(recorded: Recorded) -> int:
-    """Return by how many frames states follow actions."""
+    """Return by how many frames states lag behind actions."""
     if not recorded.states:
         return 0
     most = min(MOST_LATE, recorded.frames - 1)

@@ -1,4 +1,4 @@
-"""Statistics of features as LeRobot keeps them, for policies that normalise what they see."""
+"""Statistics of features as LeRobot keeps them, by which policies normalise their inputs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def statistics(values: NDArray[Any]) -> dict[str, Any]:
 
 
 def together(parts: Sequence[Statistics]) -> dict[str, Any]:
-    """Return the statistics of several stretches; quantiles are the means of theirs, as LeRobot merges them."""
+    """Return the merged statistics of several parts; quantiles are averaged, as LeRobot does."""
     counts = np.array([part["count"][0] for part in parts], dtype=np.float64)
 
     def of(name: str) -> NDArray[np.float64]:

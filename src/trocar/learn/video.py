@@ -1,4 +1,4 @@
-"""Images of cameras as videos: each is shown until the next one was taken."""
+"""Images of cameras as videos: each image is shown until the next one was taken."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from trocar.files.video import mp4
 from trocar.learn.statistics import QUANTILES
 
 OPTIONS = {"preset": "ultrafast", "crf": "23", "g": "30"}
-"""Images stand still for a second: smaller files cost three times the work."""
+"""Fast encoding: images stand still for a second, and smaller files would cost three times the work."""
 THINNED = 8
-"""Statistics are taken of one in this many rows and columns."""
+"""Statistics use one in this many rows and columns."""
 
 
 def write_video(
@@ -27,11 +27,11 @@ def write_video(
 ) -> dict[str, Any]:
     """Write the images of a camera as an MP4 file, and return statistics of its colours, 0 to 1, as LeRobot has them.
 
-    Before the first image it is black. One image is in memory at a time.
+    The video is black before the first image. One image is in memory at a time.
 
     Args:
         path: of the file.
-        taken: times from which on they are shown, in s, and their files, in order.
+        taken: the time from which each image is shown, in s, and its file, in order.
         frames: number of frames.
         fps: frames per second.
         size: (height, width) in pixels.
@@ -51,10 +51,10 @@ def write_video(
 
 
 def opened(image: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-    """Return the pixels (h, w, 3) of an image, whose sides H.264 wants even.
+    """Return the pixels (h, w, 3) of an image, cropped to even sides, which H.264 needs.
 
     Raises:
-        InvalidInput: it is of another size.
+        InvalidInput: the image is not of this ``size``.
     """
     with Image.open(BytesIO(image)) as picture:
         pixels = np.asarray(picture.convert("RGB"))

@@ -1,4 +1,4 @@
-"""Checks that every task, robot, cable model and planner has to pass; for yours as for those of the package."""
+"""Checks that every task, robot, cable model and planner must pass, yours as well as those of the package."""
 
 from trocar.testing.cable_model import check_cable_model
 from trocar.testing.hardware import check_hardware

@@ -27,11 +27,11 @@ def check_cable_model(
 
     Args:
         kind: the class, or its registered name.
-        fitted: a fitted model of this kind, if fitting one would take long; None: it is fitted here.
-        tolerance: how far steps may be from the prediction of the whole history, rad and m.
+        fitted: a fitted model of this kind, if fitting takes long; None: one is fitted here.
+        tolerance: allowed difference between predictions step by step and over the whole history, rad and m.
 
     Raises:
-        CheckFailed: it does something that it must not; the sentence says what.
+        CheckFailed: the model breaks a requirement; the message says which.
     """
     made = MODELS.pick(kind) if isinstance(kind, str) else kind
     subject, q = f"cable model {made.name!r}", _walk(0, ROWS)
@@ -103,7 +103,7 @@ def _check_short(kind: type[CableModel], subject: str) -> None:
 
 
 def _check_invalid_rows(kind: type[CableModel], model: CableModel, subject: str) -> None:
-    """A row that is marked as invalid tells a fit nothing, whatever stands in it; and the others do matter."""
+    """Check that a fit ignores what invalid rows contain, and depends on the others."""
     q = _walk(0, ROWS)
     valid = np.ones(ROWS, bool)
     valid[50:60] = False

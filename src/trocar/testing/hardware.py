@@ -24,17 +24,17 @@ PLANTED = {
     "send raises": Fault.DEVICE,
     "stall": Fault.LATE,
 }
-"""What can be planted, and the fault as which it has to be told."""
+"""What can be planted, and the fault that the loop must report."""
 EXACT = 1.001
 
 
 class FaultyArm:
-    """An arm in whose connection something goes wrong while it moves.
+    """An arm whose connection fails while it moves.
 
     Args:
         arm: the arm.
-        plant: what goes wrong, of ``PLANTED``.
-        after: with which set-point of a motion it begins.
+        plant: what goes wrong, a key of ``PLANTED``.
+        after: number of the moving set-point from which on it goes wrong.
     """
 
     def __init__(self, arm: HardwareArm, plant: str, after: int):
@@ -46,15 +46,15 @@ class FaultyArm:
 
     @property
     def behind(self) -> bool:
-        """Return whether the arm has not passed on all of its set-point yet."""
+        """Return whether a part of the last set-point is still to be passed on."""
         return bool(getattr(self._arm, "behind", False))
 
     def commanded(self) -> tuple[NDArray[np.float64], float]:
-        """Return what the arm holds."""
+        """Return the set-point that the arm holds."""
         return self._arm.commanded()
 
     def read(self) -> HardwareReading:
-        """Return the encoders' state, or what is planted."""
+        """Return the encoders' state, or the planted fault."""
         read = self._arm.read()
         if self._now("read raises"):
             raise OSError("planted: the cable is cut")
@@ -68,7 +68,7 @@ class FaultyArm:
         return read
 
     def send(self, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: float) -> None:
-        """Pass on a set-point, or do what is planted."""
+        """Pass on a set-point, or produce the planted fault."""
         self._count += bool(np.any(velocity))
         if self._now("send raises"):
             raise OSError("planted: no such device")
@@ -82,7 +82,7 @@ class FaultyArm:
 
 
 def faulty(name: str, connect: Connect, plant: str, after: int = 8) -> FaultyArm:
-    """Return a connected arm with something planted."""
+    """Return a connected arm with a planted fault."""
     return FaultyArm(connect(name), plant, after)
 
 
@@ -92,14 +92,14 @@ def check_hardware(
     """Check what the loop of a real arm does when its connection fails, one fault after the other; the arm **moves**.
 
     Args:
-        station: with the arm.
-        connect: connects it, as for ``HardwareLaboratory``.
+        station: the arm's station.
+        connect: connects the arm, as for ``HardwareLaboratory``.
         arm: its name.
         span: share of each joint's range, towards its middle, by which it would move.
-        settings: of the loop.
+        settings: settings of the loop.
 
     Raises:
-        CheckFailed: a fault is not told as what it is, or the arm does not stop within its limits.
+        CheckFailed: a fault is reported as another one, or the arm does not stop within its limits.
     """
     for plant, fault in PLANTED.items():
         with HardwareLaboratory(station, partial(faulty, connect=connect, plant=plant), settings) as laboratory:

@@ -1,4 +1,4 @@
-"""What every planner has to do: keep what it is asked, or say why it cannot."""
+"""What every planner has to do: meet the demands of a problem, or say why it cannot."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def check_planner(
 ) -> int:
     """Check a planner on random waypoints of several arms, at rest and from a moving start.
 
-    What it answers is sampled here, by other means than those of ``plan_motion``. It may refuse a problem, with a
-    reason; it may not refuse all problems of an arm.
+    Its answers are sampled here, independently of the checks in ``plan_motion``. A planner may refuse a problem, with a
+    reason, but not all problems of an arm.
 
     Args:
         planner: the function, or its registered name.
@@ -34,7 +34,7 @@ def check_planner(
         The number of problems that it solved.
 
     Raises:
-        CheckFailed: it does something that it must not; the sentence names arm and problem.
+        CheckFailed: the planner breaks a requirement; the message names arm and problem.
     """
     name, solved = planner if isinstance(planner, str) else getattr(planner, "__name__", repr(planner)), 0
     for arm in ARMS.values() if arms is None else arms:
@@ -80,7 +80,7 @@ def _check_plan(plan: MotionPlan, asked: ArmMotion, subject: str) -> bool:
         (velocity, limits.velocity, "velocity"),
         (acceleration, limits.acceleration, "acceleration"),
     ):
-        within = np.abs(found) <= limit * (1 + TOLERANCE) + 1e-5 * (noun == "acceleration")  # differences of rounding
+        within = np.abs(found) <= limit * (1 + TOLERANCE) + 1e-5 * (noun == "acceleration")  # for rounding errors
         require(within.all(), subject, f"keep the limit of {noun}; it uses {np.max(np.abs(found) / limit):.6f} of it")
     require(plan.bound_s <= plan.duration_s * (1 + 1e-9), subject, f"need at least the proven {plan.bound_s:.4f} s")
     return True

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 
 class CheckFailed(AssertionError):
-    """A part does not do what everything that uses such parts relies on; the sentence says what."""
+    """A part breaks a requirement on which its users rely; the message says which."""
 
 
 def require(holds: object, subject: str, requirement: str) -> None:
     """Raise unless a condition holds.
 
     Args:
-        holds: whether it does.
+        holds: whether the condition holds.
         subject: what is checked: ``task 'dots'``.
-        requirement: what it has to do, with the value that it had: ``has one score for each goal, not 2 for 3``.
+        requirement: what it must do, with the value found: ``return one score for each goal, not 2 for 3``.
 
     Raises:
-        CheckFailed: it does not.
+        CheckFailed: the condition does not hold.
     """
     if not holds:
         raise CheckFailed(f"{subject} must: {requirement}")

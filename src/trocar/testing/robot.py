@@ -30,14 +30,14 @@ async def check_robot(
     your loop's nursery on hardware.
 
     Args:
-        cell: whose robot is checked.
-        arm: its name.
+        cell: the cell whose robot is checked.
+        arm: name of the arm.
         span: share of each joint's range, towards its middle, by which the arm moves.
         tolerance: how far from the command the encoders may read at rest, as a share of a joint's range.
-        limits: of the motions; None: those that the arm keeps in its cell.
+        limits: limits of the motions; None: those that the arm keeps in its cell.
 
     Raises:
-        CheckFailed: the robot does something that it must not; the sentence says what.
+        CheckFailed: the robot breaks a requirement; the message says which.
     """
     check = _RobotCheck(cell, arm, span, tolerance, limits or cell.limits[arm])
     await check.moves_and_tells()
@@ -77,14 +77,14 @@ class _RobotCheck:
             self._check_rest_at(goal)
 
     async def refuses_what_does_not_start_here(self) -> None:
-        """Nothing moves, and whoever asked learns why by type."""
+        """A motion that starts elsewhere is refused with ``MotionRefused``, and nothing moves."""
         before = self.robot.setpoint(self.arm).q
         elsewhere = rest_to_rest(self.away, self.home, self.limits)
         await self._refused({self.arm: elsewhere}, "refuse a motion that starts elsewhere")
         require(np.array_equal(self.robot.setpoint(self.arm).q, before), self.subject, "stay where it refused a motion")
 
     async def is_not_hurried_by_a_busy_script(self) -> None:
-        """A script that computes without letting anybody else run makes a motion slower at most."""
+        """A script that computes without yielding may make a motion slower, but never faster."""
         async with self._running(self._motion_to(self.away), 0.25) as results:
             time.sleep(BUSY_S)
         (result,) = results
@@ -135,7 +135,7 @@ class _RobotCheck:
         self._check_rest_at(self.home)
 
     async def drives_its_jaws(self) -> None:
-        """They arrive; whether they stall on something is the scene's affair."""
+        """The jaws reach the commanded angle; stalling on an object is not checked."""
         jaw = self.model.jaw
         for share in (0.6, 0.2):
             angle_rad = share * jaw.upper  # an arm closes at 0, whatever its range is below
@@ -147,7 +147,7 @@ class _RobotCheck:
 
     @asynccontextmanager
     async def _running(self, motion: Trajectory, share: float) -> AsyncIterator[list[MotionResult]]:
-        """Do something once this share of a motion's time is over; afterwards the motion's result is in the list."""
+        """Run a motion, and the body once this share of its time is over; then the list has the motion's result."""
         results: list[MotionResult] = []
 
         async def run() -> None:

@@ -46,7 +46,7 @@ def check_task(kind: type[Task] | str) -> None:
         kind: the class, or its registered name.
 
     Raises:
-        CheckFailed: it does something that it must not; the sentence says what.
+        CheckFailed: the task breaks a requirement; the message says which.
     """
     kind = TASKS.pick(kind) if isinstance(kind, str) else kind
     for check in (
@@ -62,7 +62,7 @@ def check_task(kind: type[Task] | str) -> None:
 
 
 def check_description(kind: type[Task]) -> None:
-    """Check a task's names and its options, which are offered on the command line and distinguish runs."""
+    """Check a task's names and its options, which the command line offers and which distinguish runs."""
     subject = _subject(kind)
     require(
         re.fullmatch(r"[a-z][a-z0-9-]*", kind.name), subject, "have a name of lower-case letters, digits and dashes"
@@ -156,7 +156,7 @@ def check_world(kind: type[Task]) -> None:
 
 
 def check_score(kind: type[Task]) -> None:
-    """Check that nothing done is nothing scored, whatever an agent claims."""
+    """Check that an agent that does nothing scores nothing, whatever it claims."""
     subject, task, laboratory = _subject(kind), kind(), _laboratory(kind)
     laboratory.run(lambda cell: cell.clock.sleep(0.2), 5.0)
     claims = [
@@ -247,7 +247,7 @@ def _laboratory(kind: type[Task]) -> SimLaboratory:
 
 
 def _values(thing: Any) -> Any:
-    """Return a thing as nested plain values, to be compared."""
+    """Return an object as nested plain values, for comparison."""
     if isinstance(thing, SE3 | np.ndarray):
         return np.asarray(getattr(thing, "matrix", thing)).tolist()
     if is_dataclass(thing):

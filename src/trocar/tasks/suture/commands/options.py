@@ -74,7 +74,7 @@ def chosen_preset(name: str, settings: Sequence[str] | None, arm: str | None = N
 
 
 def grid_of(count: int, at_least: int = POSITIONS) -> int:
-    """Return the usual number of positions round the circle: even plans of so many sutures divide it."""
+    """Return the usual number of positions round the circle: a multiple of the number of sutures."""
     check_count(count)
     return count * -(-at_least // count)
 
@@ -97,8 +97,8 @@ def spacing_of(
 ) -> Spacing | None:
     """Return the constraints on the positions; None for the paper's even spacing without any others.
 
-    A bound of the gaps that is not given has its usual value, at which the sutures of this setup do not cross if they
-    can be placed so at all.
+    A bound of the gaps that is not given has its usual value, with which the sutures of this setup do not cross if such
+    a placement exists.
     """
     kind = search or ("gaps" if gap else "even")
     if kind not in SEARCHES:
@@ -123,7 +123,7 @@ def _bounds(text: str, even_rad: float, apart_rad: float) -> tuple[float, float]
     except ValueError:
         remedy = "give the smallest and the largest in deg as LOW:HIGH, such as 60:120 or 60:"
         raise InvalidValue("the gap", repr(text), remedy) from None
-    # a usual bound gives way to the one that was asked for
+    # a usual bound gives way to a given one
     return (low, max(low, high)) if given[1] is None else (min(low, high) if given[0] is None else low, high)
 
 
@@ -143,7 +143,7 @@ def planner_of(count: int, spacing: Spacing | None) -> Planner:
 
 
 def points_table(points: Mapping[str, Mapping[str, float]], paper: Mapping[str, Mapping[str, float]]) -> Table:
-    """Return Table I beside the paper's, entries by location and allowed directions; 100 is the best plan of each."""
+    """Return our Table I beside the paper's, by location and allowed directions; 100 is the best plan."""
     rows = [
         (location, allowed, f"{ours:.1f}", f"{paper[location][allowed]:.1f}", f"{ours - paper[location][allowed]:+.1f}")
         for location, row in points.items()

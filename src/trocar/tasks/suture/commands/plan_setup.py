@@ -23,7 +23,7 @@ from trocar.tasks.suture.planning.parameters import SAID, SEARCHED, parameters_o
 from trocar.tasks.suture.planning.settings import settings_between, setup_file
 
 COARSE, FINER = 72, 5
-"""Least size of the grid during the search, and how many times finer that of the plans that are printed is."""
+"""Smallest grid during the search, and how many times finer the grid of the printed plan is."""
 KIND = "setup for sutures"
 SETUP_FILE = "setup.toml"
 FILES = {"setup.json": KIND, SETUP_FILE: KIND, "plan.png": PICTURE}

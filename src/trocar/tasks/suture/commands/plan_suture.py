@@ -47,10 +47,10 @@ PAPER_PRESET = "paper-demo"
 KIND = "plan of sutures"
 WAYPOINTS = "waypoints of sutures"
 FILES = {PLAN: KIND, "plan.png": PICTURE, "reasons.png": PICTURE, "waypoints.json": WAYPOINTS}
-"""The files that are written, with their kinds; the tables besides."""
+"""The files that are written in addition to the tables, with their kinds."""
 TABLE, TWO_ARM_TABLE = "waypoints.csv", "waypoints_two_arms.csv"
 WARM_UP = 8
-"""Positions of the map that is made before the one that is timed."""
+"""Positions of the map that is made as a warm-up before the timed one."""
 
 
 def suture(
@@ -120,7 +120,7 @@ def suture(
     if view:
         need("view")
     recorded = options.recorded(demonstrations)
-    # what is imported and allocated once is not the planner's time
+    # a warm-up: one-time imports and allocations do not count as the planner's time
     options.planner_of(WARM_UP, spacing and Spacing.even(WARM_UP))(dexterity(chosen.setup, reward, WARM_UP, recorded))
     pair = pair_of(_station()) if variant == TWO else None
     started = time.perf_counter()
@@ -169,10 +169,10 @@ def _summary(
 
 
 def _two_arms(map: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> list[Pair]:
-    """Return the waypoints of two arms, and add to the summary how much room they have.
+    """Return the waypoints of two arms, and add their clearances to the summary.
 
     Raises:
-        TrocarError: the first arm is another than the station's, or an arm cannot do its part.
+        TrocarError: the first arm is not the station's, or an arm cannot do its part.
     """
     station = _station()
     names = list(station.arms)[:2]
@@ -197,7 +197,7 @@ def _two_arms(map: DexterityMap, plan: SuturePlan, summary: dict[str, Any]) -> l
 
 def _station() -> Station:
     """Return the station of two arms."""
-    from trocar.lab import load_station  # one arm needs none, and its import takes a tenth of a second
+    from trocar.lab import load_station  # takes a tenth of a second, and one arm does not need it
 
     return load_station(STATIONS[TWO])
 
@@ -227,7 +227,7 @@ def _save(
 
 
 def _draw(map: DexterityMap, plan: SuturePlan, out: Path) -> list[Path]:
-    """Draw both pictures at once, the second in a process of its own where one can be forked safely: it takes long."""
+    """Draw both pictures; on Linux, where forking is safe, the slow second one in a process of its own."""
     from trocar.tasks.suture.report.circle import draw_plan
     from trocar.tasks.suture.report.panels import draw_reasons
 
