@@ -1,4 +1,4 @@
-"""A plain policy: a network of three layers that predicts the next second of actions from what is observed now.
+"""A plain policy: a network with three hidden layers that predicts the next second of actions from one observation.
 
 Trained with PyTorch on a data set of ``trocar study demonstrations``; used with NumPy alone:
 
@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-CHUNK, PLAYED = 30, 10  # frames that are predicted, and those of them that are played before it is asked again
+CHUNK, PLAYED = 30, 10  # frames that are predicted, and how many are played before the next prediction
 STATE, OBJECTS, ACTION = "observation.state", "observation.environment_state", "action"
 HOME_M = 0.004
-NOISE = np.array([0.002] * 3 + [0.02] * 4 + [0.03])  # on what is observed of the arm (m, quaternion, rad), in training
+NOISE = np.array([0.002] * 3 + [0.02] * 4 + [0.03])  # training noise on the arm's state (SD; m, quaternion, rad)
 
 
 class ChunkedMlp:
-    """Plays the first actions of each prediction; is done once it has done its task and is back where it began."""
+    """Plays the first actions of each prediction; ends when the task is done and the tip is back where it began."""
 
     def __init__(self, folder):
         with np.load(folder / "weights.npz") as found:
@@ -38,7 +38,7 @@ class ChunkedMlp:
         return self.chunk.pop(0)
 
     def predicted(self, now):
-        """Return the next actions (CHUNK, n) from state and objects as they are now."""
+        """Return the next actions (CHUNK, n) from the present state and objects."""
         w, n = self.weights, sum(name.startswith("bias") for name in self.weights)
         x = (now - w["mean_in"]) / w["sd_in"]
         for k in range(n):
@@ -53,7 +53,7 @@ def make(folder):
 
 
 def frames_of(data):
-    """Return what is observed (n, k) and the chunk of actions that follows (n, CHUNK, m), over all episodes."""
+    """Return, by episode, the observations (n, k) and the actions that follow each of them (n, CHUNK, m)."""
     import pyarrow.parquet as pq
 
     seen, chunks = [], []
@@ -67,7 +67,7 @@ def frames_of(data):
 
 
 def train(data, out, epochs=80, width=512, batch=256, seed=0):
-    """Fit the network to all episodes of a data set but the last tenth, which measures how well it predicts."""
+    """Fit the network to a data set without the last tenth of its episodes, which test the predictions."""
     import torch
     from torch import nn
 

@@ -1,12 +1,12 @@
-"""A gamepad moves an arm of a console: the browser reads it, on a page with the console's own page inside.
+"""Move an arm of a console with a gamepad, which the browser reads on a page that contains the console's page.
 
 trocar run peg-transfer --method person --watch --devices 7000
 python examples/gamepad.py --devices 7000 --arm psm1
 
-Open the address that it prints, and press a button of the gamepad. The right shoulder button is held to move: the left
-stick along the table, the right one up and down and about the vertical. The right trigger closes the jaws, and they
-open when it is let go. A: take the arm over; B: stop; X: go on; Back: emergency stop; Start: I have done it. Where the
-picture looks along -y of the world, as the cameras of the debridement do, give --facing -90.
+Open the printed address, and press a button of the gamepad. Hold the right shoulder button to move: the left stick
+moves along the table, the right one up and down and about the vertical. The right trigger closes the jaws; they open
+when it is released. A: take the arm over; B: stop; X: go on; Back: emergency stop; Start: done. If the camera looks
+along -y of the world, as in the debridement, give --facing -90.
 """
 
 import argparse
@@ -71,7 +71,7 @@ setInterval(() => {  // every 20 ms: an arm is let go if nothing is heard for .3
 
 
 def page(console, arm, facing_deg):
-    """Return what answers a browser that asks for the page; what a page's script asks for is a socket."""
+    """Return a handler that serves the page, and lets the web socket of the page's script pass."""
     body = (PAGE % {"console": json.dumps(console), "arm": json.dumps(arm), "facing": facing_deg}).encode()
     headers = Headers({"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))})
 
@@ -82,7 +82,7 @@ def page(console, arm, facing_deg):
 
 
 def relay(devices):
-    """Return what passes on a page's lines to the console, and the console's answers to the page."""
+    """Return a handler that passes the page's lines to the console, and the console's answers to the page."""
 
     def run(browser):
         with socket.create_connection(("127.0.0.1", devices)) as console, console.makefile("rwb") as stream:

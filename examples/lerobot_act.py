@@ -1,9 +1,9 @@
-"""Trains ACT of LeRobot, unmodified, on the states of a data set, in LeRobot's own virtual environment.
+"""Train LeRobot's ACT, unmodified, on the states of a data set, in LeRobot's own virtual environment.
 
 python examples/lerobot_act.py out/demonstrations/data out/act
 python examples/lerobot_server.py out/act
 
-Every frame is in memory: LeRobot's own loader takes 9 ms for each, and would be what most of the time goes to.
+All frames are kept in memory: LeRobot's own loader takes 9 ms per frame, which would be most of the training time.
 """
 
 import sys
@@ -20,11 +20,11 @@ from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.policies.factory import make_pre_post_processors
 
 SIZE = {"dim_model": 128, "dim_feedforward": 512, "n_heads": 4, "n_encoder_layers": 3, "use_vae": False}
-MEAN_STD = dict.fromkeys(("STATE", "ENV", "ACTION"), NormalizationMode.MEAN_STD)  # by default ENV is left as it is
+MEAN_STD = dict.fromkeys(("STATE", "ENV", "ACTION"), NormalizationMode.MEAN_STD)  # by default ENV is not normalised
 
 
 def train(data, out, minutes=25.0, batch=64, peak=1e-3, seed=0):
-    """Fit ACT to all episodes of a data set but the last tenth, which measures how well it predicts."""
+    """Fit ACT to a data set without the last tenth of its episodes, which test the predictions."""
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     seen, chunks = frames_of(data)

@@ -45,7 +45,7 @@ class Trial(socketserver.StreamRequestHandler):
 
 
 class Server(socketserver.ThreadingTCPServer):
-    """Policies of one folder."""
+    """Serves the policy of one folder."""
 
     allow_reuse_address, daemon_threads = True, True
 

@@ -24,7 +24,7 @@ class SecondLook(Unilateral):
     """Does what the built-in agent does, and takes a picture before it releases a block."""
 
     async def before_release(self, goal: Transfer) -> None:
-        """Look."""
+        """Take an image and log its time."""
         image = await self.table.capture(self.arm.hand)
         self.cell.log.event("second look", peg=goal.target, time_of_image_s=image.time_s)
 

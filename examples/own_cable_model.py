@@ -55,7 +55,7 @@ class PlaneModel:
         return q_cmd + self.offset + self.slope @ q_cmd, None
 
     def shifted(self, offset: NDArray[np.float64]) -> Self:
-        """Return the model of another session, whose joints are this much (6,) further."""
+        """Return the model of another session, whose joints are offset by this much (6,)."""
         return replace(self, offset=self.offset + offset)
 
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -2,7 +2,7 @@
 
     trocar run --plugin examples/own_task.py own-task --trials 2 --seed 3 --out out/own-task
 
-Scene, world with its referee, score, perception, agent: everything that a task is stands in this file.
+This file contains a whole task: scene, world with its referee, score, perception, agent.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class ColourView:
         rays = pixel_rays(image.intrinsics)[seen]
         points = rays * image.depth_m[seen][:, None]
         near = points[np.linalg.norm(points - np.median(points, axis=0), axis=1) < 2 * RADIUS_M]
-        middle = near.mean(axis=0)  # of the cap that faces the camera, two thirds of a radius off
+        middle = near.mean(axis=0)  # of the visible half, two thirds of a radius before the middle
         return middle * (1 + 2 / 3 * RADIUS_M / np.linalg.norm(middle))
 
 
@@ -117,7 +117,7 @@ class Toucher:
         self.hand = ArmScript(context.cell, context.arms[0], settle_s=0.05)
 
     async def run(self) -> None:
-        """Touch them."""
+        """Touch the balls in order."""
         cell = self.context.cell
         camera = next(iter(cell.cameras))
         await self.hand.exercise_wrist()
@@ -142,7 +142,7 @@ class Toucher:
 
 
 class BallReport(TaskReport):
-    """Where its pictures are taken from; everything else is as usual."""
+    """The usual report, with its own viewpoint for pictures."""
 
     view = Viewpoint((0.10, -0.34, 0.24))
 

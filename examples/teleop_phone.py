@@ -1,12 +1,12 @@
-"""A telephone moves an arm of a console, through the package teleop (WebXR), in a virtual environment of its own.
+"""Move an arm of a console with a phone, through the package teleop (WebXR), in a virtual environment of its own.
 
 pip install teleop
 trocar run peg-transfer --method person --watch --devices 7000
 python examples/teleop_phone.py --console 7000 --arm psm1
 
-Open the address that it prints on a telephone in the same network, and start WebXR there, facing the way the picture
-does: the arm follows while *hold to move* is pressed; *gripper* opens and closes the jaws. Where the picture looks
-along -y of the world, as the cameras of the debridement do, give --facing -90.
+Open the printed address on a phone in the same network, face the way the camera looks, and start WebXR. The arm
+follows while *hold to move* is pressed; *gripper* opens and closes the jaws. If the camera looks along -y of the world,
+as in the debridement, give --facing -90.
 """
 
 import argparse
@@ -20,17 +20,17 @@ import transforms3d as t3d
 from teleop import Teleop
 
 OPEN = 0.4  # share of the jaws' range
-SCALE = 0.3  # metres of the tip a metre of the telephone; below 1, teleop's own slider shrinks turns too
-EVERY_S = 1.0  # between two things that the console says
+SCALE = 0.3  # metres of the tip per metre of the phone; below 1, teleop's own slider scales rotations too
+EVERY_S = 1.0  # between two printed messages of the console
 
 
 class Phone:
-    """Passes on what the telephone does; one line to the console for each of its messages.
+    """Passes the phone's messages to the console, one line for each.
 
     Args:
-        port: of the console's devices.
-        arm: name.
-        facing_deg: from the world's x axis, about its z axis, to where the telephone's holder looks.
+        port: port of the console's devices.
+        arm: name of the arm.
+        facing_deg: where the phone's holder looks: angle from the world's x axis, about its z axis.
     """
 
     def __init__(self, port, arm, facing_deg):
@@ -39,7 +39,7 @@ class Phone:
         self.said, self.said_s = "", -math.inf
 
     def __call__(self, pose, message):
-        """Send the pose of the telephone (4 x 4, axes forward, left, up); only its changes while it is held count."""
+        """Send the phone's pose (4 x 4, axes forward, left, up); only changes while *hold to move* is pressed count."""
         line = {"arm": self.arm, "held": message["move"], "jaw": 0 if message["gripper"] == "close" else OPEN}
         if line["held"]:
             w, x, y, z = t3d.quaternions.mat2quat(self.turn @ pose[:3, :3] @ self.turn.T)

@@ -49,7 +49,7 @@ class DotWorld(TaskWorld):
 
 
 class Toucher:
-    """The agent: above each dot where the drawing has it, straight down, and up again."""
+    """The agent: moves above each dot of the drawing, straight down, and up again."""
 
     def __init__(self, context):
         self.context = context

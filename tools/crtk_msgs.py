@@ -1,6 +1,6 @@
-"""Writes the ROS packages ``crtk_msgs`` and ``cisst_msgs``, as far as a served arm's clients need them, into a folder.
+"""Write the parts of the ROS packages ``crtk_msgs`` and ``cisst_msgs`` that clients of a served arm need.
 
-No package index has them. ``tools/ros1.sh`` and ``tools/ros2.sh`` make Python of them for their test partners.
+No package index has them. ``tools/ros1.sh`` and ``tools/ros2.sh`` generate Python from them for their test partners.
 """
 
 import sys
@@ -46,7 +46,7 @@ MANIFEST = """<package format="3"><name>PACKAGE</name><version>1.3.0</version><d
 
 
 def main() -> None:
-    """Write the packages."""
+    """Write the packages into the folder that the command line names."""
     for package, interfaces in PACKAGES.items():
         folder, files = Path(sys.argv[1]) / package, []
         for name, interface in interfaces.items():

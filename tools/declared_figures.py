@@ -1,4 +1,4 @@
-"""What figures there are: measurements, each one command and what is kept of its answer, and tables made of them."""
+"""The declared measurements, each a command and what is kept of its output, and their records."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from trocar.files.output import write_json
 
 FOLDER = Path("docs/figures")
 MEASURED, TABLES = FOLDER / "measured", FOLDER / "tables"
-"""Where records and templates stand, below the root."""
+"""Folders of the records and of the tables' templates, below the root."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """One command whose answer stands in the docs.
+    """One command whose output appears in the docs.
 
     Attributes:
-        name: of its record, and of what tables call it.
+        name: name of its record, and of its values in the tables' templates.
         command: as a reader would type it.
-        sources: files and folders that its figures depend on, or names of groups of them; with ``!`` left out.
+        sources: files and folders that its figures depend on, or names of groups of them; ``!`` excludes one.
         minutes: how long it takes on one core, roughly.
-        run_with: added to the command when it is run; ``{folder}``: kept between runs, ``{jobs}``.
-        keep: of the JSON object that it prints: paths with dots, ``*`` for any step, or names of groups of them.
-        index: lists of objects in that, to be read as one object: path of the list to the key that names its members.
-        find: of the text that it prints: name to regular expression, whose groups are kept, all matches of them.
-        alone: run while nothing else runs here, because it compares speeds.
+        run_with: added to the command when it runs; ``{folder}``: folder kept between runs, ``{jobs}``: processes.
+        keep: what is kept of the printed JSON object: dotted paths, ``*`` for any step, or names of groups of paths.
+        index: lists in that object that become objects: name of the list to the key that names its members.
+        find: what is kept of the printed text: name to regular expression; the groups of all its matches are kept.
+        alone: whether it compares speeds, and therefore runs while nothing else does.
     """
 
     name: str
@@ -46,15 +46,15 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Record:
-    """What a measurement gave.
+    """The result of a measurement.
 
     Attributes:
-        command: that was run.
-        commit: of the code.
-        values: as JSON has them.
+        command: the command that was run.
+        commit: commit of the code.
+        values: kept values, as in JSON.
         date: day of the measurement.
-        digest: of the sources then (``source_age``).
-        older: the code had changed when pages were written last.
+        digest: digest of the sources then (``source_age``).
+        older: whether the code had changed when the pages were last written.
         trials: digests of the trials of the first sessions, by their paths.
         same_at: commit of later code that made the same trials in these sessions; empty: there is none.
     """
@@ -99,7 +99,7 @@ def read_measurements(root: Path) -> dict[str, Measurement]:
 
 
 def read_record(root: Path, name: str) -> Record | None:
-    """Return what was measured last; None where nothing was.
+    """Return the last record of a measurement; None if there is none.
 
     Raises:
         TrocarError: the file is damaged.
@@ -115,7 +115,7 @@ def read_record(root: Path, name: str) -> Record | None:
 
 
 def write_record(root: Path, name: str, record: Record) -> None:
-    """Keep what was measured, in place of what was before."""
+    """Write the record of a measurement, in place of the one before."""
     path = root / MEASURED / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_json(path, asdict(record), "figure")
@@ -129,5 +129,5 @@ def _toml(path: Path) -> dict[str, Any]:
 
 
 def _spread(names: Sequence[str], groups: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return paths, with the members of groups in place of their names."""
+    """Return paths, with the names of groups replaced by their members."""
     return [path for name in names for path in (_spread(groups[name], groups) if name in groups else [name])]

@@ -13,16 +13,16 @@ from declared_figures import TABLES, Measurement, Record
 from trocar.errors import TrocarError
 
 BLOCK = re.compile(r"(<!-- figures: (\S+) -->\n)(.*?)(<!-- /figures -->)", re.DOTALL)
-"""A table in a page: its begin with its name, what stands there, its end."""
+"""A table in a page: start marker with the table's name, content, end marker."""
 
 
 class Tables:
     """The templates, and the pages in which they stand.
 
     Args:
-        root: of the repository.
-        measurements: by name.
-        records: by name, of those that were measured.
+        root: root of the repository.
+        measurements: all measurements by name.
+        records: records by name of measurement, as far as there are any.
     """
 
     def __init__(self, root: Path, measurements: Mapping[str, Measurement], records: Mapping[str, Record]):
@@ -49,10 +49,10 @@ class Tables:
             raise TrocarError(f"template of table {name!r}: {error}") from None
 
     def table(self, name: str) -> str:
-        """Return a table as it is to stand in a page; where a figure is missing, which commands are to be run.
+        """Return a table as a page should have it or, if a figure is missing, which commands must be run.
 
         Raises:
-            TrocarError: it has no template, or speaks of what no measurement has.
+            TrocarError: it has no template, or names something that no measurement has.
         """
         used = self.measurements_in(name)
         unknown = [each for each in used if each not in self._values]
@@ -67,7 +67,7 @@ class Tables:
             raise TrocarError(f"template of table {name!r}: {error}") from None
 
     def rendered(self, page: Path) -> tuple[str, list[str]]:
-        """Return a page's text with its tables made anew, and why some stay as they are."""
+        """Return a page's text with its tables made anew, and why some tables stay as they are."""
         wrong = []
 
         def made(found: re.Match[str]) -> str:
@@ -92,12 +92,12 @@ class Tables:
 
 
 def fixed(value: float, digits: int = 0) -> str:
-    """Return a number with so many digits behind the point."""
+    """Return a number with this many decimals."""
     return f"{value:.{digits}f}"
 
 
 def bare(value: float, digits: int) -> str:
-    """Return the same without a zero before the point; 0 where nothing is left."""
+    """Return a number with this many decimals, without a zero before the point; 0 if it rounds to zero."""
     text = f"{value:.{digits}f}"
     return "0" if float(text) == 0 else re.sub(r"^(-?)0\.", r"\1.", text)
 

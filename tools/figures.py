@@ -28,7 +28,7 @@ from trocar.errors import TrocarError
 ROOT = Path(__file__).resolve().parents[1]
 
 AT_ONCE = 2
-"""So many measurements are made at a time."""
+"""Number of measurements that are made at a time."""
 
 
 class Figures:
@@ -42,11 +42,11 @@ class Figures:
 
     @property
     def tables(self) -> Tables:
-        """Return the tables as they are by what was measured up to now."""
+        """Return the tables that the present records give."""
         return Tables(self.root, self.measurements, self.records)
 
     def older(self) -> dict[str, str]:
-        """Return why measurements are older than the code, by name; those never made are among them."""
+        """Return, by name, why measurements are older than the code; those never made are among them."""
         said = {
             name: why_older(self.root, each, self.records[name]) if name in self.records else "never measured"
             for name, each in self.measurements.items()
@@ -68,7 +68,7 @@ class Figures:
         return {each for name in tables.names(self.root / "README.md") for each in _used(tables, name)}
 
     def wrong(self) -> list[str]:
-        """Return a sentence for each page that is not what was measured, and each record of another command."""
+        """Return a sentence for each page unlike its records, record of another command, and unused measurement."""
         found = [
             f"{name} was measured by {record.command!r}, but is declared as {self.measurements[name].command!r}; "
             "measure it again"
@@ -103,9 +103,9 @@ def measure_all(figures: Figures, given: argparse.Namespace) -> int:
 
 
 def _measured(figures: Figures, todo: Sequence[Measurement], at_once: int, again: bool) -> int:
-    """Measure in this order, so many at once, writing the pages after each; return how many failed.
+    """Measure in this order, ``at_once`` at a time, writing the pages after each; return how many failed.
 
-    Unless ``again``, figures of trials are carried over where the first sessions are the same.
+    Unless ``again``, figures of trials are carried over if the first sessions are the same.
     """
     failed, jobs = 0, max(1, (os.cpu_count() or 1) // AT_ONCE)
 
@@ -148,7 +148,7 @@ def check(figures: Figures) -> int:
 def _used(tables: Tables, table: str) -> Sequence[str]:
     try:
         return tables.measurements_in(table)
-    except TrocarError:  # is told as a mistake
+    except TrocarError:  # reported as a mistake elsewhere
         return []
 
 

@@ -1,7 +1,7 @@
-"""Running a measurement's command and keeping what the docs need of its answer.
+"""Running a measurement's command and keeping what the docs need of its output.
 
-Where trials were measured, their first sessions are made again first: if these come out the same to the last bit, the
-code has changed in nothing that the figures show, and they are carried over.
+If a measurement consists of trials, its first sessions are run again first. If they are the same to the last bit, the
+changes of the code do not affect the figures, and these are carried over.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from trocar.eval.trial import FORMAT, VERSION
 from trocar.files.archive import read_archive
 
 FIRST = 2
-"""Trials of so many sessions are compared, from the first on."""
+"""Number of sessions, from the first on, whose trials are compared."""
 
 SESSIONS = re.compile(r"--sessions (\d+)")
 
 GOALS_MISSED = 1
-"""Exit code of `trocar run` where not every goal was reached: no trouble, a figure."""
+"""Exit code of `trocar run` if a goal was missed: a figure, not an error."""
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Of libraries in a process, so that each keeps to its core."""
+"""Variables that keep the libraries of a process to one core."""
 
 
 def measure(root: Path, measurement: Measurement, jobs: int, before: Record | None = None) -> Record:
     """Run a measurement's command, and keep and return its record.
 
-    What is kept between runs lies in a folder for these sources: nothing of other code is mixed in.
+    Files kept between runs are in a folder for these sources, so that results of other code are not mixed in.
 
     Args:
-        root: of the repository.
-        measurement: to be made.
-        jobs: processes of the command.
-        before: what was measured with older code: carried over if the first sessions are the same.
+        root: root of the repository.
+        measurement: what to measure.
+        jobs: number of processes of the command.
+        before: record of older code, carried over if the first sessions are the same.
 
     Raises:
-        TrocarError: the sources are not committed, the command fails, its answer lacks something.
+        TrocarError: the sources are not committed, the command fails, or its output lacks something.
     """
     digest, commit = digest_of(root, measurement.sources), commit_of(root, measurement.sources)
     folder = Path("out/figures") / f"{measurement.name}-{digest[:8]}"
@@ -75,7 +75,7 @@ def measure(root: Path, measurement: Measurement, jobs: int, before: Record | No
 
 
 def first_trials(folder: Path) -> dict[str, str]:
-    """Return a digest of each trial of the first sessions below a folder, by its path: all but the run's settings."""
+    """Return digests of the trials of the first sessions below a folder, by path, without the run's settings."""
     found = {}
     for number in range(FIRST):
         for path in sorted(folder.glob(f"**/session_{number:02d}/trial_*.npz")):
@@ -89,7 +89,7 @@ def first_trials(folder: Path) -> dict[str, str]:
 
 
 def read_answer(measurement: Measurement, answer: str) -> dict[str, Any]:
-    """Return what is kept of a command's answer.
+    """Return what is kept of a command's output.
 
     Raises:
         TrocarError: something is not in it.
@@ -133,7 +133,7 @@ def _run(root: Path, line: str) -> str:
 
 
 def _picked(value: Any, steps: Sequence[str], said: str) -> Any:
-    """Return a value with nothing in it but what lies on a path."""
+    """Return the part of a nested value that lies on a path."""
     if not steps:
         return value
     if not isinstance(value, dict) or (steps[0] != "*" and steps[0] not in value):

@@ -1,4 +1,4 @@
-"""Whether the code that a figure speaks of has changed since it was measured; git names the files where it can."""
+"""Whether the sources of a figure have changed since it was measured; git names the files if it can."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from declared_figures import Measurement, Record
 from trocar.errors import TrocarError
 
 SHOWN = 3
-"""So many changed files are named."""
+"""Number of changed files that are named."""
 
 
 def digest_of(root: Path, sources: Sequence[str]) -> str:
-    """Return a digest of all source files: of programs without their comments and docstrings.
+    """Return a digest of all source files; comments and docstrings of programs do not count.
 
     Raises:
-        TrocarError: there is none under one of the names.
+        TrocarError: there is no file under one of the names.
     """
     left_out = [root / name.removeprefix("!") for name in sources if name.startswith("!")]
     found: set[Path] = set()
@@ -42,7 +42,7 @@ def digest_of(root: Path, sources: Sequence[str]) -> str:
 
 
 def commit_of(root: Path, sources: Sequence[str]) -> str:
-    """Return the commit of the sources as they are.
+    """Return the present commit, which contains the sources as they are.
 
     Raises:
         TrocarError: they are not committed.
@@ -58,7 +58,7 @@ def commit_of(root: Path, sources: Sequence[str]) -> str:
 
 
 def why_older(root: Path, measurement: Measurement, record: Record) -> str:
-    """Return in what the code has changed since a measurement; empty if in nothing."""
+    """Return which sources have changed since a measurement; empty if none."""
     if record.digest == digest_of(root, measurement.sources):
         return ""
     measured = f"measured on {record.date} at {record.commit}"
@@ -71,9 +71,9 @@ def why_older(root: Path, measurement: Measurement, record: Record) -> str:
 
 
 def _program(text: str) -> str:
-    """Return a program without docstrings, comments and empty lines; itself where it is none.
+    """Return a program without docstrings, comments and empty lines; other text unchanged.
 
-    Cut out of the text, not written anew from its tree, so that each version of Python gives the same.
+    They are cut out of the text. Text written anew from the syntax tree would depend on the version of Python.
     """
     try:
         tree = ast.parse(text)
