@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-CHUNK, PLAYED = 30, 10  # frames that are predicted, and how many are played before the next prediction
+CHUNK, PLAYED = 30, 10  # frames predicted, and frames played before the next prediction
 STATE, OBJECTS, ACTION = "observation.state", "observation.environment_state", "action"
 HOME_M = 0.004
 NOISE = np.array([0.002] * 3 + [0.02] * 4 + [0.03])  # training noise on the arm's state (SD; m, quaternion, rad)
@@ -32,6 +32,7 @@ class ChunkedMlp:
         now = np.hstack([seen["state"], seen["objects"]])
         self.begin = now[:3] if self.begin is None else self.begin
         if not self.chunk:
+            # the last of the 15 numbers of each transfer says whether it is done
             if seen["objects"][14::15].all() and np.linalg.norm(now[:3] - self.begin) < HOME_M:
                 return None
             self.chunk = list(self.predicted(now)[:PLAYED])

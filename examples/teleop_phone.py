@@ -53,7 +53,7 @@ class Phone:
             answer = b""
         if not answer:
             print("the console has ended", flush=True)
-            os._exit(0)  # the server would catch an exception, and go on
+            os._exit(0)  # the server would catch an exception and go on
         self.tell(json.loads(answer))
 
     def tell(self, answer):

@@ -56,7 +56,7 @@ class Record:
         digest: digest of the sources then (``source_age``).
         older: whether the code had changed when the pages were last written.
         trials: digests of the trials of the first sessions, by their paths.
-        same_at: commit of later code that made the same trials in these sessions; empty: there is none.
+        same_at: commit of later code that made the same trials in these sessions; empty: none.
     """
 
     command: str

@@ -61,7 +61,7 @@ class Tables:
         missing = [self._values[each]["command"] for each in used if not self._values[each]["commit"]]
         try:
             return self._jinja.get_template(f"{name}.md.j2").render(self._values).strip("\n")
-        except (TemplateError, TypeError) as error:  # TypeError: an undefined value was to be formatted
+        except (TemplateError, TypeError) as error:  # TypeError: a filter got an undefined value
             if missing:
                 return f"Not measured yet: `{'`, `'.join(missing)}`"
             raise TrocarError(f"template of table {name!r}: {error}") from None

@@ -148,7 +148,7 @@ def check(figures: Figures) -> int:
 def _used(tables: Tables, table: str) -> Sequence[str]:
     try:
         return tables.measurements_in(table)
-    except TrocarError:  # reported as a mistake elsewhere
+    except TrocarError:  # `Figures.wrong` reports it
         return []
 
 

@@ -92,7 +92,7 @@ def _program(text: str) -> str:
 
 
 def _is_text(node: ast.stmt) -> bool:
-    """Return whether a statement is a string that nobody uses: a docstring, also that of a constant."""
+    """Return whether a statement is only a string: a docstring, also of a constant."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
@@ -101,7 +101,7 @@ def _pathspecs(sources: Sequence[str]) -> list[str]:
 
 
 def _git(root: Path, *words: str) -> str | None:
-    """Return what git answers; None where there is no git, no checkout, or no such commit."""
+    """Return git's output; None if there is no git, no checkout, or no such commit."""
     try:
         done = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)
     except OSError:

@@ -33,7 +33,7 @@ class Lazy:
 
 
 def loaded(thing: Any) -> Any:
-    """Return a thing itself, imported now if it is :class:`Lazy`."""
+    """Return a thing, imported now if it is :class:`Lazy`."""
     return thing.load() if isinstance(thing, Lazy) else thing
 
 
@@ -111,7 +111,7 @@ class Registry(Mapping[str, T], Generic[T]):
         return thing
 
     def forget(self, name: str) -> None:
-        """Remove what was registered by hand under a name (for tests)."""
+        """Remove a name that :meth:`register` added (for tests)."""
         self._known.pop(name)
 
 
@@ -122,9 +122,9 @@ _LOADED: dict[str, str] = {}
 
 
 def _line_of(error: BaseException, file: Path) -> str:
-    """Return in words at which line of a file an error arose; empty if unknown."""
+    """Return in words on which line of a file an error arose; empty if unknown."""
     if isinstance(error, SyntaxError):
-        return ""  # its message says so itself
+        return ""  # its message names the line
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
     return f", line {lines[-1]}" if lines and lines[-1] else ""
 

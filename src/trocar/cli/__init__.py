@@ -20,7 +20,7 @@ from trocar.errors import TrocarError
 from trocar.files.output import NO_NAME
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads cost more than they bring here
+    os.environ.setdefault(_threads, "1")  # before NumPy is imported: its threads slow these small problems down
 
 MIN_COLUMNS, MAX_COLUMNS = 20, 1000
 """Plausible widths of a terminal; a value outside them counts as not given, as with COLUMNS=0."""
@@ -42,7 +42,7 @@ app = typer.Typer(
 
 
 def _print_version(wanted: bool) -> None:
-    """Print the version and end, before anything else is looked at."""
+    """Print the version and exit, before other options are parsed."""
     if wanted:
         typer.echo(f"trocar {__version__}")
         raise typer.Exit

@@ -153,7 +153,7 @@ def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], s
     write_json(out / "summary.json", summary, KIND)
     header, columns = ["t_s"], [summary["step_s"] * np.arange(summary["samples"])]
     for part, (names, found) in parts.items():
-        jerk = np.vstack([found.jerk, found.jerk[-1:]])  # of the step that follows a sample
+        jerk = np.vstack([found.jerk, found.jerk[-1:]])  # jerk is between samples: repeat the last
         for k, name in enumerate(names):
             label = f"tip_{name}" if part == "tip" else name
             header += [label, f"{label}_velocity", f"{label}_acceleration", f"{label}_jerk"]

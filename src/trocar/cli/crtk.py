@@ -1,4 +1,4 @@
-"""``trocar crtk``: be a robot that speaks CRTK, and find out what is wrong with one."""
+"""``trocar crtk``: simulate a robot that speaks CRTK, and diagnose one."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class Command(TyperCommand):
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter as error:
-            failed = getattr(error.__cause__, "errors", list)()  # pydantic's, whose rules Typer applies
+            failed = getattr(error.__cause__, "errors", list)()  # of pydantic, whose rules Typer applies
             if not failed or error.param is None:
                 raise
             should = str(failed[0]["msg"]).partition(",")[0].replace("Input should", "it should")

@@ -24,7 +24,7 @@ def default_folder(name: str, unusual: Mapping[str, Any]) -> Path:
     So different commands do not write to the same folder.
 
     Args:
-        name: of what is run, with its seed.
+        name: name of what is run, with its seed.
         unusual: values of the options that differ from their defaults.
     """
     full = "-".join([name, *(_part(option, value) for option, value in unusual.items())])
@@ -50,7 +50,7 @@ def _part(option: str, value: Any) -> str:
 
 
 def _named(value: Any) -> tuple[str, str]:
-    """Return a name for a value, and its content if the name does not tell it."""
+    """Return a name for a value, and its content if the name does not identify it."""
     if isinstance(value, dict):
         return "", json.dumps(value, sort_keys=True)
     if isinstance(value, str | Path) and Path(value).suffix and Path(value).is_file():
@@ -65,7 +65,7 @@ def _digest(content: str | bytes) -> str:
 def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequence[str | Path] = ()) -> None:
     """Raise unless files can be written into a folder, which need not exist yet.
 
-    A folder that does not exist is made and removed again, since only trying tells.
+    A folder that does not exist is made and removed again, since only this shows whether it can be made.
 
     Args:
         out: the folder; None: nothing will be written.

@@ -163,7 +163,7 @@ def _recording_summary(out: Path, bag: Bag, choice: Choice, found: Imported) -> 
 
 
 def _recording_lines(out: Path, choice: Choice, found: Imported) -> list[str]:
-    """Return sentences about a recording: what it is, and everything that was not as it should be."""
+    """Return sentences about a recording: what it contains, and all its irregularities."""
     rows = len(found.recording)
     lasts_s = found.recording.t_s[-1] - found.recording.t_s[0]
     lines = [

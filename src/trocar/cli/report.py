@@ -161,7 +161,7 @@ def _show(
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
-    if trials[0].on_robot:  # nobody else says what stopped it
+    if trials[0].on_robot:  # also with --quiet: nothing else says what stopped the arms
         for sentence in stopped:
             console.print(sentence, soft_wrap=True, markup=False)
 

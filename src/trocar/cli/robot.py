@@ -71,7 +71,7 @@ def run_robot(
 
 
 def _lasting_faults(events: Iterable[Mapping[str, object]]) -> list[str]:
-    """Return the faults after which an arm refuses to move until it is connected anew."""
+    """Return the faults after which an arm refuses to move until it is connected again."""
     from trocar.hardware.arm import PASSING
 
     passing = {fault.name.lower() for fault in PASSING}
@@ -85,7 +85,7 @@ def agreed(robot: str, about: Iterable[str], *, enable_motion: bool, yes: bool, 
         InvalidInput: motion is not enabled, or nobody is there to ask.
     """
     for line in about:
-        typer.echo(line, err=True)  # whatever --quiet says
+        typer.echo(line, err=True)  # even with --quiet
     if not enable_motion:
         raise InvalidInput(f"--robot {robot}", "moves real arms, and motion is not enabled", "add --enable-motion")
     asks = sys.stdin.isatty() and not yes and not as_json

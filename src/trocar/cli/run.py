@@ -85,7 +85,7 @@ def run(
     from trocar.eval.prepare import CACHE
 
     if cache is not None:
-        os.environ[CACHE] = str(cache)  # for this process, and those that it starts
+        os.environ[CACHE] = str(cache)  # for this process and its children
     if raise_errors and jobs != 1:
         raise InvalidInput("--raise", "has no effect on trials in other processes", "drop --jobs")
     config = RunConfig(task(**options), **_with_policy(run, policy), plugins=tuple(map(str, plugin or ())))

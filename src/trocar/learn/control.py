@@ -95,7 +95,7 @@ class Control:
     async def step(self) -> None:
         """Wait until the next step is over; steps that begin late catch up."""
         self.next_step_s()
-        ends_s = self._begins_s + self._at_tick * TICK_S  # a sleep may end a tick late
+        ends_s = self._begins_s + self._at_tick * TICK_S  # half a tick early, since a sleep may end a tick late
         await self._cell.clock.sleep(max(0.0, ends_s - TICK_S / 2 - self._cell.clock.now_s()))
 
     def observe(self) -> dict[str, NDArray[np.float32]]:
@@ -173,7 +173,7 @@ class Control:
             if factor > 1.0 + 1e-6:
                 answer.slowed[arm] = round(factor, 3)
                 if self._kind != CARTESIAN:
-                    self._goals[arm] = motion(motion.times_s[-1])
+                    self._goals[arm] = motion(motion.times_s[-1])  # not reached: go on from where the motion ends
             robot = self._cell.robot
             await (
                 robot.follow({arm: motion}, period_s)
@@ -203,16 +203,16 @@ class Control:
 def slowed_together(
     asked: NDArray[np.float64], velocity: NDArray[np.float64], limits: MotionLimits, period_s: float
 ) -> NDArray[np.float64]:
-    """Return the velocity (joints,) after a period: as near to the asked one as the limits allow.
+    """Return the velocity (joints,) after a period: as near to the requested one as the limits allow.
 
-    All joints are slowed by the same factor. The result is then a mean of the present and the asked velocity, and so is
-    the tip's velocity (the Jacobian is linear): the tip nearly keeps its line and its orientation.
+    All joints are slowed by the same factor. The result is then a weighted mean of the present and the requested joint
+    velocity, and so is the tip's velocity: the tip nearly keeps its line and its orientation.
 
     Args:
         asked: (joints,) requested velocity.
         velocity: (joints,) velocity now, within limits.
         limits: of the arm.
-        period_s: time until another velocity is asked for.
+        period_s: time until another velocity is requested.
     """
     asked = asked / max(1.0, float((np.abs(asked) / limits.velocity).max()))
     change = asked - velocity
@@ -279,7 +279,7 @@ class Eyes:
         """Take images, camera by camera, until cancelled."""
         while True:
             for name, camera in self._cell.cameras.items():
-                self.last[name] = await camera.capture(whole_window(camera.model))  # with a window, it keeps none
+                self.last[name] = await camera.capture(whole_window(camera.model))  # a windowed image is not kept
 
     def observe(self) -> dict[str, NDArray[np.uint8]]:
         """Return each camera's last image (height, width, 3), black before the first; stereo images side by side."""

@@ -78,7 +78,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         calibration: what cable models are fitted on, ``joints`` or ``images``.
         seed: seed of the sessions.
         sessions: number of sessions; each episode draws one of them.
-        plugins: files that register the task or what it needs.
+        plugins: Python files that register the task or its parts.
         render_mode: ``rgb_array``: a picture; ``human``: a page in the browser.
         **options: options of the task, such as ``variant`` or ``budget_s``.
 
@@ -132,7 +132,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             plugins=tuple(map(str, plugins)),
         )
         self._action, self._rate_hz = action, rate_hz
-        self.metadata = {**self.metadata, "render_fps": rate_hz}  # of pictures taken step by step
+        self.metadata = {**self.metadata, "render_fps": rate_hz}  # for one picture per step
         self._prepared: dict[int, Prepared] = {}
         self._folder: TemporaryDirectory[str] | None = None
         self._stepping: Stepping | None = None
@@ -279,7 +279,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
     def _observed_now(self) -> dict[str, NDArray[Any]]:
         found = self._observation.now()
         if PRIVILEGED in self._observed:
-            poses = self._laboratory.world.free_poses()[:, [0, 1, 2, 4, 5, 6, 3]].ravel()
+            poses = self._laboratory.world.free_poses()[:, [0, 1, 2, 4, 5, 6, 3]].ravel()  # wxyz to xyzw
             low, high = self.observation_space[PRIVILEGED].low, self.observation_space[PRIVILEGED].high  # type: ignore[index]
             if poses.shape != low.shape:
                 problem = f"has {len(poses) // 7} free bodies, and another scene of it had {len(low) // 7}"

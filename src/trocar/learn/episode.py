@@ -124,7 +124,7 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
         bodies = {key: rows for key, rows in trial.arrays.items() if key.startswith("body_")}
         if bodies:
             ticks = np.rint(times_s / scenery.tick_s).astype(int)
-            found["bodies"] = np.hstack([rows[ticks][:, [0, 1, 2, 4, 5, 6, 3]] for rows in bodies.values()])
+            found["bodies"] = np.hstack([rows[ticks][:, [0, 1, 2, 4, 5, 6, 3]] for rows in bodies.values()])  # xyzw
             parts = [name.removeprefix("_pose") for name in state_names([""])[:-1]]
             names[f"{TRUTH}bodies"] = [key.removeprefix("body_") + part for key in bodies for part in parts]
         columns |= {f"{TRUTH}{key}": values.astype(np.float32) for key, values in found.items()}

@@ -241,7 +241,7 @@ def readme(folder: str | Path, episodes: Sequence[Written], layout: str, tasks: 
     robot = episodes[0].robot if episodes else ""
     cameras = [key.removeprefix(IMAGES) for key in episodes[0].cameras] if episodes else []
     from_where = sorted({f"method {e.about['method']}, station {e.about['station']}" for e in episodes})
-    real = bool(episodes) and episodes[0].about["collisions"] is None  # only a referee counts them
+    real = bool(episodes) and episodes[0].about["collisions"] is None  # counted in simulation only
     source = "real arms, nothing synthetic" if real else "synthetic, a simulated cell"
     sent = bool(episodes) and episodes[0].about["commanded"]
     asked = "what the script asked for, before cables were compensated,"

@@ -200,7 +200,7 @@ def _served(policy: str, timeout_s: float) -> Iterator[Policy]:
 
 
 def _plain(value: np.ndarray) -> Any:
-    """Return an array as JSON: images packed, numbers as they are."""
+    """Return an array as JSON: vectors as lists, images in base64."""
     if value.ndim == 1:
         return value.tolist()
     return {"shape": list(value.shape), "data": base64.b64encode(np.ascontiguousarray(value).tobytes()).decode()}

@@ -63,7 +63,7 @@ class _RobotCheck:
         self.away = self.home + towards * span * (self.model.upper - self.model.lower)
 
     async def moves_and_tells(self) -> None:
-        """A motion runs to its end, and its result is what was commanded, on the cell's clock."""
+        """A motion runs to its end on the cell's clock, and its result reports what was commanded."""
         here = self.robot.setpoint(self.arm)
         require(not here.moving and not here.velocity.any(), self.subject, "be at rest when its check begins")
         for goal in (self.away, self.home):
@@ -93,7 +93,7 @@ class _RobotCheck:
         await self._home()
 
     async def is_held(self) -> None:
-        """A running motion refuses another one, brakes when it is told to hold, and says so."""
+        """A moving arm refuses another motion, brakes when it is held, and reports that it was held."""
         motion, why = self._motion_to(self.away), HeldByCheck("check_robot holds the arm")
         async with self._running(motion, 0.5) as results:
             require(self.robot.setpoint(self.arm).moving, self.subject, "say that it moves while a motion runs")
@@ -138,7 +138,7 @@ class _RobotCheck:
         """The jaws reach the commanded angle; stalling on an object is not checked."""
         jaw = self.model.jaw
         for share in (0.6, 0.2):
-            angle_rad = share * jaw.upper  # an arm closes at 0, whatever its range is below
+            angle_rad = share * jaw.upper  # jaws close at 0; a range below that is not used
             result = await self.robot.jaw(self.arm, angle_rad)
             require(result.done, self.subject, f"drive its jaws to {angle_rad:.2f} rad; {result.reason}")
             read_rad = self.robot.read(self.arm).jaw_rad
@@ -193,7 +193,7 @@ class _RobotCheck:
         require(whole, self.subject, "return what it commanded and measured, a row of six joints and the jaw a time")
         forward = np.all(np.diff(result.times_s) > 0)
         require(forward, self.subject, "return times that run forward")
-        steps_s = np.diff(result.times_s)  # two reports may come closer together than they were sent
+        steps_s = np.diff(result.times_s)  # two reports may arrive closer together than they were sent
         velocity = np.diff(result.commanded[:, :6], axis=0) / np.maximum(steps_s, np.median(steps_s))[:, None]
         use = float(np.max(np.abs(velocity) / self.limits.velocity))
         require(use < 1.05, self.subject, f"command no more than the limits of velocity, not {use:.2f} of them")

@@ -35,7 +35,7 @@ RESERVED = {
     *("out", "jobs", "strict", "raise", "cache", "enable-motion", "yes", "policy", "watch", "confirm", "speed"),
     *("devices", "plugin", "json", "quiet", "help", "config"),
 }
-"""Options of every task's command beside those of ``RunConfig``."""
+"""Options of every task's command in addition to those of ``RunConfig``."""
 IDLE_S = 0.5
 
 
@@ -118,7 +118,7 @@ def check_station_of(kind: type[Task]) -> None:
         try:
             box = task.calibration(station, arm)
         except InvalidInput:
-            continue  # a task whose methods calibrate nothing needs no place for it
+            continue  # a task whose methods calibrate nothing needs no box for it
         inside = not limit_violations(station.arms[arm].model, np.array([box.lower, box.upper]))
         require(inside and (box.lower < box.upper).all(), subject, f"calibrate {arm!r} within its joints' ranges")
 
@@ -138,7 +138,7 @@ def check_scene(kind: type[Task]) -> None:
 
 
 def check_world(kind: type[Task]) -> None:
-    """Check that the same scene is the same world, and that in it nothing moves or collides by itself."""
+    """Check that one scene always gives the same world, in which nothing moves or collides by itself."""
     subject = _subject(kind)
     first, second = (_laboratory(kind) for _ in range(2))
     same = np.array_equal(first.world.data.qpos, second.world.data.qpos)

@@ -114,7 +114,7 @@ def spacing_of(
 
 
 def _bounds(text: str, even_rad: float, apart_rad: float) -> tuple[float, float]:
-    """Return the bounds of the gaps in rad from ``LOW:HIGH`` in degrees; what is left out has its usual value."""
+    """Return the bounds of the gaps in rad from ``LOW:HIGH`` in degrees; a missing bound has its usual value."""
     usual = (min(max(GAP_SHARES[0] * even_rad, apart_rad), even_rad), min(GAP_SHARES[1] * even_rad, TURN))
     parts = text.split(":")
     try:
