@@ -32,7 +32,7 @@ class ChunkedMlp:
         now = np.hstack([seen["state"], seen["objects"]])
         self.begin = now[:3] if self.begin is None else self.begin
         if not self.chunk:
-            # the last of the 15 numbers of each transfer says whether it is done
+            # the last of each transfer's 15 numbers: done
             if seen["objects"][14::15].all() and np.linalg.norm(now[:3] - self.begin) < HOME_M:
                 return None
             self.chunk = list(self.predicted(now)[:PLAYED])

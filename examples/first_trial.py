@@ -16,7 +16,7 @@ transfers = int(sys.argv[2]) if len(sys.argv) > 2 else 12
 
 task = TASKS["peg-transfer"](transfers=transfers)
 config = RunConfig(task, method="calibrated", model="play", sessions=1, trials=1, seed=1)
-for session, index in open_folder(config, folder):  # trials that are not in the folder yet
+for session, index in open_folder(config, folder):  # trials not in the folder yet
     prepared = prepare(config, session, folder)  # draw a session, record a random motion in it, fit the cables
     run_trial(config, prepared, index).save(trial_file(folder, session, index))
 

@@ -95,7 +95,7 @@ def relay(devices):
                         break
                     browser.send(answer.decode())
             except (ConnectionClosed, OSError):
-                pass  # the page or the console is gone; the console lets go of the arm
+                pass  # the page or the console is gone, and the arm is let go
 
     return run
 

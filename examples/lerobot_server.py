@@ -37,7 +37,7 @@ class Trial(socketserver.StreamRequestHandler):
             seen = said["observation"]
             begin = seen["state"][:3] if begin is None else begin
             action = None
-            # the last of the 15 numbers of each transfer says whether it is done
+            # the last of each transfer's 15 numbers: done
             if not (all(seen["objects"][14::15]) and np.linalg.norm(np.subtract(seen["state"][:3], begin)) < HOME_M):
                 batch = {NAMES[key]: torch.tensor(seen[key], dtype=torch.float32)[None] for key in NAMES}
                 with torch.no_grad(), self.server.lock:

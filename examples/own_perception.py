@@ -20,7 +20,7 @@ AGREE_M = 0.5e-3
 
 
 class Twice(DepthView):
-    """Fits each block to the whole image and to half of its depth; a block on which the fits differ is not reported."""
+    """Fits each block to the whole image and to half of its depth; if the fits differ, there is no block."""
 
     def find_block(self, image: RgbdImage, T_camera_board: SE3, board: Pegboard, block: Block, peg: int) -> SE3 | str:
         """Return the block's pose if both fits agree, or why not."""

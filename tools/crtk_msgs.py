@@ -46,7 +46,7 @@ MANIFEST = """<package format="3"><name>PACKAGE</name><version>1.3.0</version><d
 
 
 def main() -> None:
-    """Write the packages into the folder that the command line names."""
+    """Write them into the folder named on the command line."""
     for package, interfaces in PACKAGES.items():
         folder, files = Path(sys.argv[1]) / package, []
         for name, interface in interfaces.items():

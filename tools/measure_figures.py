@@ -26,7 +26,7 @@ from trocar.eval.trial import FORMAT, VERSION
 from trocar.files.archive import read_archive
 
 FIRST = 2
-"""Number of sessions, from the first on, whose trials are compared."""
+"""Number of first sessions whose trials are compared."""
 
 SESSIONS = re.compile(r"--sessions (\d+)")
 

@@ -19,7 +19,7 @@ class Tick(Protocol):
         Args:
             work: name of the work; each name gets its own progress bar.
             done: how much is done.
-            total: how much there is to do; None: unknown.
+            total: how much there is; None: unknown.
             now: what is being done at the moment.
         """
         ...

@@ -40,13 +40,13 @@ class TrocarError(ValueError):
     exit_code: ClassVar[int] = 2
 
     def worded(self, sentence: str) -> Self:
-        """Return a copy with the same fields and another message, from a caller that knows more about the cause."""
+        """Return a copy with another message, from a caller that knows more about the cause."""
         other = copy.copy(self)
         other.args = (sentence,)
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what pickle needs to recreate the error, with its fields, in another process."""
+        """Return what pickle needs to recreate the error with its fields."""
         return _recreated, (type(self), self.args, vars(self))
 
 
@@ -115,7 +115,7 @@ class MotionRefused(TrocarError):
     """A motion cannot be planned, or a robot refuses to start or to continue it.
 
     Attributes:
-        arm: name of the arm or its model; empty if the caller knows it, or if no single arm is to blame.
+        arm: name of the arm or its model; empty if the caller knows it or no single arm is to blame.
     """
 
     def __init__(self, sentence: str, *, arm: str = ""):

@@ -42,7 +42,7 @@ class CtrlC:
         self._pressed = True
         while frame is not None:
             if frame.f_code.co_name == "__del__" or frame.f_code.co_filename.endswith(FINALIZERS):
-                return  # Python would swallow and print the exception here
+                return  # Python would swallow the exception here
             frame = frame.f_back
         raise KeyboardInterrupt
 

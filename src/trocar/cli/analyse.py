@@ -84,7 +84,7 @@ def analyse(
 def _measured(
     path: Path, arm: str, columns: str, rate: float | None
 ) -> tuple[tuple[str, ...], np.ndarray, float, ArmModel | None]:
-    """Return names, positions (n, k), the step in s and, where the six joints of an arm are given, its model."""
+    """Return names, positions (n, k), the step in s and, for the six joints of an arm, its model."""
     from trocar.arms import ARMS, PSM_CLASSIC
     from trocar.motion.joint_table import read_joint_table
 

@@ -122,7 +122,7 @@ def collect(
 
 
 def spheres_file(folder: Path, arm: str) -> Path:
-    """Return the file in which a collection keeps the spheres' centres of an arm."""
+    """Return the file of an arm's collected sphere centres."""
     return folder / f"spheres_{arm}.npz"
 
 
@@ -165,7 +165,7 @@ def _agreed(
     enable_motion: bool,
     yes: bool,
 ) -> bool:
-    """Tell a person what will move and ask for consent, unless nothing has to move; return whether to go on."""
+    """Tell a person what will move and ask, unless nothing has to move; return whether to go on."""
     todo = [name for name, one in collections.items() if len(one.kept(spheres_file(folder, name))) < len(one.q_cmd)]
     if not todo:
         return True

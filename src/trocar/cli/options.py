@@ -30,7 +30,7 @@ StationName = Annotated[str, Argument(metavar="STATION", help="Name of a built-i
 
 
 def _load(ctx: typer.Context, paths: list[Path] | None) -> list[Path]:
-    """Load the files before anything else is parsed; return their absolute paths, wherever they are on the line."""
+    """Load plugins before the rest of the line is parsed; return the absolute paths of all."""
     for path in paths or []:
         load_plugin(path)
     ctx.obj = [*(ctx.obj or []), *(path.absolute() for path in paths or [])]

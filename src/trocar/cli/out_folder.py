@@ -65,7 +65,7 @@ def _digest(content: str | bytes) -> str:
 def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequence[str | Path] = ()) -> None:
     """Raise unless files can be written into a folder, which need not exist yet.
 
-    A folder that does not exist is made and removed again, since only this shows whether it can be made.
+    A folder that does not exist is made and removed again, since only trying tells.
 
     Args:
         out: the folder; None: nothing will be written.

@@ -87,7 +87,7 @@ def transfer(
 
 
 def _record(asked: ArmMotion, plan: MotionPlan) -> dict[str, Any]:
-    """Return the figures of one motion; None for those that are unknown because the planner found nothing."""
+    """Return the figures of one motion; None for what is unknown without a motion."""
     told: dict[str, Any] = {
         "found": plan.found,
         "reason": plan.reason,

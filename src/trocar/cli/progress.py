@@ -71,7 +71,7 @@ def waiting(what: str) -> Iterator[None]:
 
 
 def line_of(work: str, task: Task) -> str:
-    """Return a line with how far a piece of work has come, how long it took and how long the rest will take."""
+    """Return a line with the progress of a piece of work, the time taken and the time left."""
     said = [work if task.total is None else f"{work}: {task.completed:.0f} of {task.total:.0f}"]
     said += [task.description] if task.description != work else []
     said.append(f"{timedelta(seconds=round(task.elapsed or 0.0))} so far")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from trocar.eval.trial import Trial
 
 MCAP, LEROBOT = "mcap", "lerobot"
-"""Formats of recordings and of data sets, in addition to those of tables."""
+"""Formats of recordings and of data sets, besides those of tables."""
 
 
 def report(
@@ -161,7 +161,7 @@ def _show(
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
-    if trials[0].on_robot:  # also with --quiet: nothing else says what stopped the arms
+    if trials[0].on_robot:  # even with --quiet: nothing else says it
         for sentence in stopped:
             console.print(sentence, soft_wrap=True, markup=False)
 

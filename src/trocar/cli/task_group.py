@@ -34,7 +34,7 @@ class TaskGroup(Group):
             the task's and of the run's options); its other parameters are further options of the command.
         kind: what a member is called in the error for an unknown name.
         does: a sentence that says what the commands do.
-        example: an example line, with ``{task}`` for the task's name and, if the task needs it, its plugin.
+        example: a line, with ``{task}`` for the task's name and plugin, if any.
         of_run: names of the fields of ``RunConfig`` that are options here.
     """
 
@@ -142,7 +142,7 @@ def _parameter(
 
 
 def _expanded(args: Sequence[str]) -> list[str]:
-    """Return a line whose ``--config FILE`` is replaced by the file's content, before the words of the line itself."""
+    """Return a line with ``--config FILE`` replaced by the file's content, put before the line's own words."""
     words, first = list(args), []
     while CONFIG in words:
         at = words.index(CONFIG)

@@ -43,7 +43,7 @@ class PolicyAgent:
         self._policy = load_policy(settings.policy, settings.policy_digest, settings.timeout_s)
 
     async def run(self) -> None:
-        """Act until the policy answers None, which means that it is done, or until the budget is spent."""
+        """Act until the policy answers None (it is done) or the budget is spent."""
         control, cell = self._control, self._cell
         with self._policy as ask:
             async with trio.open_nursery() as nursery:

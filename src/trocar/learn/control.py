@@ -27,7 +27,7 @@ OBSERVATIONS = (STATE, OBJECTS, IMAGES, PRIVILEGED)
 SPEED_M, SPEED_RAD = 0.2, 3.0
 """Largest Cartesian increment per second, on each axis (m, rad)."""
 REACH_M = 1.0
-"""Bound of a tip's position on each axis of the world."""
+"""Bound of a tip's position on each axis of the world, m."""
 OVER = 0.3
 """How far readings may lie outside the joints' ranges (rad, m): jaws and drives yield."""
 SAME_RAD = 1e-9

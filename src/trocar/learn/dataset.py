@@ -198,7 +198,7 @@ class _Draft:
 
 
 def _digest(episode: Episode) -> str:
-    """Return a digest of an episode's numbers and images, which may differ if the trial was run again."""
+    """Return a digest of an episode's numbers and images: running the trial again may change it."""
     whole = hashlib.sha256()
     for name, values in episode.columns.items():
         whole.update(name.encode() + np.ascontiguousarray(values).tobytes())

@@ -43,8 +43,8 @@ from trocar.sim.pace import Stepping
 from trocar.sim.world import PhysicsError
 
 REFEREE_S, REFEREE_SHARE = 1.0, 0.03
-"""The referee scores at the end, and before only after at least this time, and this share of the time so far, since its
-last score. Each score goes through the whole episode: once a second took a quarter of the computing time of 100 s."""
+"""Least time between two scores by the referee, and least share of the time so far. A score goes through the whole
+episode: with one per second, scoring took a quarter of the computing time of an episode of 100 s."""
 MAX_INDEX = 2**31
 SPARSE, DENSE = "sparse", "dense"
 REWARDS = (SPARSE, DENSE)
@@ -69,7 +69,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             poses of all free bodies), or several of them.
         reward: ``sparse``: number of goals that the referee newly counts as reached; ``dense``: in addition, 1 for each
             decimetre by which the remaining distance of the next goal shrinks: from the nearest working tip to the
-            goal's object, and on to where the object belongs. It is computed from the truth.
+            goal's object, and on to where the object belongs. It uses the truth.
         rate_hz: steps per second of the cell's clock.
         calibrated: whether the cables are compensated, below the actions, by a model fitted in each session.
         station: name or file of the station; empty: the task's.

@@ -78,8 +78,7 @@ def episode_of(trial: Trial, *, commanded: bool = False, truth: bool = False) ->
         truth: whether columns that only the referee knows are added.
 
     Raises:
-        InvalidInput: the trial has fewer than two frames, has command noise although ``commanded`` is given, or is of
-            real arms although ``truth`` is given.
+        InvalidInput: fewer than two frames, ``commanded`` with command noise, or ``truth`` of real arms.
     """
     arms = [str(arm) for arm in trial.about["arms"]]
     times_s = np.arange(0, trial.times_s[-1] * FPS + 1e-6) / FPS
@@ -188,7 +187,7 @@ DEMONSTRATION = RowKind(Demonstration, _demonstration)
 
 
 def _numbered(words: Iterable[str]) -> tuple[list[str], NDArray[np.int64]]:
-    """Return the distinct words in order of appearance, and for each given word its number among them."""
+    """Return the distinct words in order of appearance, and each given word's number among them."""
     numbers: dict[str, int] = {}
     found = np.array([numbers.setdefault(word, len(numbers)) for word in words], dtype=np.int64)
     return list(numbers), found

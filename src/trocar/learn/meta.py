@@ -81,7 +81,7 @@ class Written:
     Attributes:
         number: its number.
         frames: number of frames.
-        task: what is to be done, in words.
+        task: in words.
         features: as in ``info.json``.
         statistics: of each numeric or video feature.
         about: metadata.

@@ -56,7 +56,7 @@ class Observation:
                 nursery.start_soon(self.eyes.watch)
             if self.objects is not None:
                 nursery.start_soon(self.objects.watch)
-            await trio.sleep_forever()  # a stepped cell ends with this script, and `watch` of objects may end early
+            await trio.sleep_forever()  # a stepped cell ends with this script; `watch` of objects may end early
 
     def now(self) -> dict[str, NDArray[Any]]:
         """Return the observation of this moment."""

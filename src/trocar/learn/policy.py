@@ -30,7 +30,7 @@ WHAT = "give a folder with a policy.py, FILE.py:function, module:function, or tc
 
 
 def policy_digest(policy: str) -> str:
-    """Return a digest of a policy's files; empty for a module or a server, whose files are not known.
+    """Return a digest of a policy's files; empty for a module or a server.
 
     Raises:
         BadFile: the file does not exist, or the folder has no ``policy.py``.

@@ -1,4 +1,4 @@
-"""Read an episode of any LeRobot data set, v2.x or v3.x, as commands of arms; its claims are checked, not trusted."""
+"""An episode of any LeRobot data set, v2.x or v3.x, as commands of arms; all its claims are checked."""
 
 from __future__ import annotations
 

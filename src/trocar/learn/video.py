@@ -17,7 +17,7 @@ from trocar.files.video import mp4
 from trocar.learn.statistics import QUANTILES
 
 OPTIONS = {"preset": "ultrafast", "crf": "23", "g": "30"}
-"""Fast encoding: images stand still for a second, and smaller files would cost three times the work."""
+"""Images stand still for a second; smaller files would cost three times the work."""
 THINNED = 8
 """Statistics use one in this many rows and columns."""
 

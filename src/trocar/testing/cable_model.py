@@ -28,7 +28,7 @@ def check_cable_model(
     Args:
         kind: the class, or its registered name.
         fitted: a fitted model of this kind, if fitting takes long; None: one is fitted here.
-        tolerance: allowed difference between predictions step by step and over the whole history, rad and m.
+        tolerance: allowed difference of step-by-step from whole-history predictions, rad and m.
 
     Raises:
         CheckFailed: the model breaks a requirement; the message says which.

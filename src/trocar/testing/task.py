@@ -35,7 +35,7 @@ RESERVED = {
     *("out", "jobs", "strict", "raise", "cache", "enable-motion", "yes", "policy", "watch", "confirm", "speed"),
     *("devices", "plugin", "json", "quiet", "help", "config"),
 }
-"""Options of every task's command in addition to those of ``RunConfig``."""
+"""Options of every task's command besides those of ``RunConfig``."""
 IDLE_S = 0.5
 
 

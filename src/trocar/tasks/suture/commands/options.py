@@ -69,7 +69,7 @@ DemonstrationsPath = Annotated[
 
 
 def chosen_preset(name: str, settings: Sequence[str] | None, arm: str | None = None) -> Preset:
-    """Return the preset of this name or file, with the settings ``NAME=VALUE`` and the arm that were given."""
+    """Return the preset of this name or file, with the given settings ``NAME=VALUE`` and arm."""
     return with_settings(preset_of(name), dict(setting_of(text) for text in settings or ()), arm)
 
 
@@ -138,7 +138,7 @@ def _arc(text: str) -> tuple[float, float]:
 
 
 def planner_of(count: int, spacing: Spacing | None) -> Planner:
-    """Return the planner on the grid: of evenly spaced sutures, or of those with this spacing."""
+    """Return the planner of evenly spaced sutures, or of sutures with this spacing."""
     return partial(plan_even, count=count) if spacing is None else partial(plan_gaps, count=count, spacing=spacing)
 
 

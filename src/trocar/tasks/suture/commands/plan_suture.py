@@ -47,7 +47,7 @@ PAPER_PRESET = "paper-demo"
 KIND = "plan of sutures"
 WAYPOINTS = "waypoints of sutures"
 FILES = {PLAN: KIND, "plan.png": PICTURE, "reasons.png": PICTURE, "waypoints.json": WAYPOINTS}
-"""The files that are written in addition to the tables, with their kinds."""
+"""The files that are written besides the tables, with their kinds."""
 TABLE, TWO_ARM_TABLE = "waypoints.csv", "waypoints_two_arms.csv"
 WARM_UP = 8
 """Positions of the map that is made as a warm-up before the timed one."""
@@ -227,7 +227,7 @@ def _save(
 
 
 def _draw(map: DexterityMap, plan: SuturePlan, out: Path) -> list[Path]:
-    """Draw both pictures; on Linux, where forking is safe, the slow second one in a process of its own."""
+    """Draw both pictures; where forking is safe (Linux), the slow second one in a process of its own."""
     from trocar.tasks.suture.report.circle import draw_plan
     from trocar.tasks.suture.report.panels import draw_reasons
 
