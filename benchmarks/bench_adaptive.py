@@ -1,10 +1,10 @@
-"""What arms that learn their cables know of their wrists over a block, and whether they know how well.
+"""Errors of wrists over a block for arms that learn their cables, and whether the stated uncertainty is right.
 
     trocar run peg-transfer --method adaptive --sessions 12 --seed 20261304 --out out/adaptive
     python benchmarks/bench_adaptive.py out/adaptive
 
-Read from the saved trials of such a run: at each look over a block, where the wrist was in truth, against where it was
-believed before the look, and after its correction. Nothing is timed.
+For each look over a block in the saved trials of such a run, the wrist's true joints are compared with those that the
+arm believed before the look and after its correction. Nothing is timed.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from trocar.eval.trial import Trial
 from trocar.lab import load_station
 
 LATER_S = 0.06
-"""After the look is evaluated, the correction holds and the arm still rests."""
+"""This long after the look was evaluated, the correction holds and the arm still rests."""
 
 
 def rows_of(trial: Trial) -> list[tuple[np.ndarray, ...]]:
-    """Return for each look errors before and after (3,), their said SDs (3,), tip errors before and after in mm."""
+    """Return for each look wrist errors before and after (3,), stated SDs (3,), tip errors before and after in mm."""
     rows, scenery, station = [], trial.scenery, load_station(trial.about["station"])
     for event in trial.events:
         if event["name"] != "wrist seen" or event["spread_rad"] is None:

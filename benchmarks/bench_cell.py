@@ -1,12 +1,12 @@
-"""Is the cell as hard as a laboratory? What recordings of real robots show, beside the same of the cell.
+"""Is the simulated cell as hard as a laboratory? The same statistics of real recordings and of the cell.
 
     python benchmarks/bench_cell.py [--difficulty recorded] [--sessions 10] [--data DIR]
 
-Cables: the recorded commands are played through the cell's cables, a session at a time, and the play model is fitted
-to both: what it leaves, how that correlates along the way, and how it predicts the last fifth from the first four.
-Sessions: mean and spread of what is identified in three sessions of one instrument, and by how much tips miss the
-places of one of them with no compensation, really and in the cell. Registration: what a rigid fit leaves, and how far
-it is off at the other half of the points. Nothing is timed: every machine prints the same figures.
+Cables: the recorded commands are played through the cell's cables in several sessions, and the play model is fitted to
+both. Its residuals, their autocorrelation, and its errors on the last fifth when fitted to the rest are printed.
+Sessions: mean and spread of the parameters identified in three sessions of one instrument, and tip errors without
+compensation in one of them, real and in the cell. Registration: residuals of a rigid fit, and errors of a fit to one
+half of the points at the other half. Nothing is timed: every machine prints the same figures.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def of_cables(plant: str) -> Cables:
 
 
 def in_the_cell(recording: Recording, transmission: Cables, difficulty: Difficulty, seed: int) -> Recording:
-    """Return the recording with the joints that the cell's cables make of its commands."""
+    """Return the recording with the joints of the cell's cables under the same commands."""
     rng = np.random.default_rng([seed, len(recording)])
     drawn = transmission.drawn(rng, difficulty)
     train = DriveTrain(drawn, recording.q_cmd[0], rng)
@@ -59,7 +59,7 @@ def in_the_cell(recording: Recording, transmission: Cables, difficulty: Difficul
 
 
 def left(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the SD (6,) that the play model leaves, its correlations (lags, 6), the error (6,) on the last fifth."""
+    """Return the play model's residuals: SD (6,), autocorrelations (lags, 6), and RMS (6,) on the unseen last fifth."""
     rng, valid = np.random.default_rng(0), recording.valid
     rest = recording.q_phy - PlayModel.fit(recording, rng).predict(recording.q_cmd)
     sd = rest[valid].std(axis=0)
@@ -71,7 +71,7 @@ def left(recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def cables(data: Path, difficulty: Difficulty, sessions: int) -> None:
-    """Print what the play model leaves, in recordings and in the cell."""
+    """Print the residuals of the play model, in recordings and in the cell."""
     print("| recording | | left, mrad mm | on the last fifth | correlation after 1, 10, 100 samples, q5 |")
     print("|---|---|---|---|---|")
     for name, plant in INSTRUMENTS.items():
@@ -91,7 +91,7 @@ def row(values: NDArray[np.float64]) -> str:
 
 
 def spread(data: Path) -> None:
-    """Print how much what is identified of one instrument differs from session to session."""
+    """Print how much the identified parameters of one instrument differ from session to session."""
     plants = [fit_plant(load_recording(data / f"{name}.npz")) for name in SESSIONS]
 
     def sd(values: Sequence[object]) -> NDArray[np.float64]:
@@ -111,7 +111,7 @@ def spread(data: Path) -> None:
 
 
 def missed(data: Path) -> None:
-    """Print by how much tips miss the places of a recorded pick and place that nothing compensates, real and drawn."""
+    """Print the tip errors of an uncompensated pick and place, real and in drawn sessions."""
     real = load_recording(data / "psm1_grey_pick_place.npz")
     places = f"{len(real)} places of `psm1_grey_pick_place`"
     print(f"\nUncompensated tips at the {places}, mm RMS: {miss_mm(real):.1f} recorded", end="")
@@ -125,7 +125,7 @@ def missed(data: Path) -> None:
 
 
 def miss_mm(recording: Recording) -> float:
-    """Return the RMS distance of tips from where the commands would have them, mm."""
+    """Return the RMS distance between the tips of measured and of commanded joints, mm."""
     q_cmd, q_phy = recording.q_cmd[recording.valid], recording.q_phy[recording.valid]
     off_m = fk(PSM_CLASSIC, q_phy).translation_m - fk(PSM_CLASSIC, q_cmd).translation_m
     return 1e3 * float(np.sqrt(np.mean(np.sum(off_m**2, axis=-1))))
@@ -137,7 +137,7 @@ def rms(values: NDArray[np.float64]) -> float:
 
 
 def registered(p_robot: NDArray[np.float64], p_camera: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the RMS in mm that a rigid fit leaves, the correlation of neighbours, and the error at the other half."""
+    """Return a rigid fit's RMS residual in mm, its correlation between neighbours, and the error at the other half."""
     fit = fit_rigid(p_camera, p_robot).T_target_source
     rest = p_robot - fit.apply(p_camera)
     apart = np.linalg.norm(p_robot[:, None] - p_robot[None], axis=2) + np.diag(np.full(len(p_robot), np.inf))
@@ -152,7 +152,7 @@ def registered(p_robot: NDArray[np.float64], p_camera: NDArray[np.float64]) -> t
 
 
 def registration(data: Path, difficulty: Difficulty, sessions: int) -> None:
-    """Print how recorded sets of points fit, and those of the cell."""
+    """Print the residuals of rigid fits to recorded sets of points and to those of the cell."""
     print("\n| points | left, mm RMS | correlation of neighbours | off at the other half, mm |\n|---|---|---|---|")
     for name in SETS:
         points = np.load(data / f"{name}.npz")

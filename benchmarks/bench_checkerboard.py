@@ -1,8 +1,8 @@
-"""Registration by a checkerboard: how far camera and bases are off, through images and as sessions draw it.
+"""Registration by a checkerboard: errors of camera and bases, from simulated images and as sessions draw them.
 
-Each session shows the board by hand in some views, mounts the bracket on each base, and finds lenses,
-camera and bases from simulated images. Beside it, two thousand sessions drawn without images: `sd_mm` and `sd_deg`
-of the station are right if both columns agree. About 30 s of one core a session.
+Each session shows the board by hand in some views, mounts the bracket on each base, and finds lenses, camera and bases
+from simulated images. For comparison, two thousand sessions are drawn without images: the station's `sd_mm` and
+`sd_deg` are right if both columns agree. A session takes about 30 s of one core.
 
 Run: .venv/bin/python benchmarks/bench_checkerboard.py [--sessions N] [--seed N] [--exact-brackets]
 """
@@ -27,7 +27,7 @@ DRAWN = 2000
 
 
 def through_images(station, sessions, seed):
-    """Return rows of errors, the errors at the board (k, 6) in mm and deg, RMS in pixels, and s a session."""
+    """Return rows of errors, errors at the board (k, 6) in mm and deg, reprojection RMS in px, and s per session."""
     rows, at_board, pixels = [], [], []
     began = time.perf_counter()
     for number in range(sessions):
@@ -50,7 +50,7 @@ def flat(errors):
 
 
 def drawn(station, sessions, seed):
-    """Return rows of errors of sessions that are drawn."""
+    """Return rows of errors of sessions that are drawn without images."""
     camera = next(iter(station.cameras))
     first = next(iter(station.arms))
     place = station.registration.T_world_board.translation_m
@@ -77,7 +77,7 @@ def drawn(station, sessions, seed):
 
 
 def spread(rows):
-    """Return mean and 95th percentile by name."""
+    """Return mean and 95th percentile of each error, by name."""
     names = rows[0]
     values = {name: np.array([row[name] for row in rows]) for name in names}
     return {name: (float(v.mean()), float(np.percentile(v, 95))) for name, v in values.items()}

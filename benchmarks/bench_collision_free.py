@@ -1,8 +1,8 @@
-"""Collision-free planning of both Raven arms at once by 'convex': times, share solved, and no answer that collides.
+"""Collision-free planning of both Raven arms at once by 'convex': times, problems solved, and plans that collide.
 
-Run: .venv/bin/python benchmarks/bench_collision_free.py; with --random N it plans N random problems instead, and looks
-at every answer more finely than it was planned. The problems are those of collision_free.npz; --freeze makes them anew.
-Times are of the processor, of plan and check together, on one core.
+Run: .venv/bin/python benchmarks/bench_collision_free.py; with --random N it plans N random problems instead of those of
+collision_free.npz, which --freeze makes anew. Every plan is checked at finer samples than the planner's. Times are
+processor times of plan and check together, on one core.
 """
 
 import argparse
@@ -36,7 +36,7 @@ FINE = 401
 
 
 def pose(rng):
-    """Return a gripper in the shared workspace that points down, tilted by up to 35 degrees, marks to the camera."""
+    """Return a random pose in the shared workspace: within 35 degrees of straight down, marks to the camera."""
     tip_m = rng.uniform(*PLACES_M)
     tilt, azimuth = np.radians(rng.uniform(0, 35)), rng.uniform(0, 2 * np.pi)
     aside = CAMERA_M - tip_m
@@ -46,7 +46,7 @@ def pose(rng):
 
 
 def joints(rng, arm, jaw_rad):
-    """Return joints of an arm over the table, or None."""
+    """Return random joints of an arm that clear the table and show its marks, or None."""
     T_world_tip = pose(rng)
     try:
         q = ik(arm.model, arm.T_world_base.inverse() @ T_world_tip)
@@ -59,7 +59,7 @@ def joints(rng, arm, jaw_rad):
 
 
 def apart_m(both, jaws):
-    """Return how far apart two arms are at their joints (2, 6)."""
+    """Return the distance of the two arms at joints (2, 6)."""
     first, second = (
         capsules(arm.model, q, jaw).moved(arm.T_world_base)
         for arm, q, jaw in zip(STATION.arms.values(), both, jaws, strict=True)
@@ -68,7 +68,7 @@ def apart_m(both, jaws):
 
 
 def both_arms(rng, jaws):
-    """Return joints (2, 6) of two arms that keep their distance."""
+    """Return random joints (2, 6) at which the two arms keep their distance."""
     while True:
         both = [joints(rng, arm, jaw) for arm, jaw in zip(STATION.arms.values(), jaws, strict=True)]
         if all(q is not None for q in both) and apart_m(both, jaws) > KEPT_M:
@@ -99,7 +99,7 @@ def asked(waypoints, jaws):
 
 
 def sampled_m(problem, motion, count=FINE):
-    """Return the least distance at so many samples of a motion of all joints (n, 12) as a function of a share."""
+    """Return the least distance along a motion: a function from shares of it to joints (n, 12)."""
     scene = Scene.of(problem)
     return scene.distances(motion(np.linspace(0, 1, count)), np.zeros(count)).distance_m.min()
 
@@ -111,7 +111,7 @@ def straight_m(problem):
 
 
 def planned_m(problem, plan):
-    """Return the least distance of a plan's motions, at many samples."""
+    """Return the least distance along a plan, at many samples."""
     seconds = plan.duration_s
     return sampled_m(
         problem, lambda share: np.concatenate([plan.trajectories[n](share * seconds) for n in ARMS], axis=1)
@@ -119,7 +119,7 @@ def planned_m(problem, plan):
 
 
 def solved_somehow(problem, tries=60):
-    """Return whether any of many random starts leads to a motion."""
+    """Return whether the search finds a motion from any of many random starts."""
     rng = np.random.default_rng(0)
     search = Search(problem, Scene.of(problem))
     if search.plain() is not None or search.round_about() is not None:
@@ -136,7 +136,7 @@ def solved_somehow(problem, tries=60):
 
 
 def freeze():
-    """Store problems whose straight line is free, and such whose straight line is 3 to 8 mm in collision."""
+    """Store easy problems, whose straight line is free, and hard ones, whose straight line collides by 3 to 8 mm."""
     rng = np.random.default_rng(7)
     easy, hard, feasible = [], [], []
     while len(easy) < EASY or len(hard) < HARD:
@@ -155,7 +155,7 @@ def freeze():
 
 
 def timed(cases):
-    """Return plans and their times in ms of the processor, the least of two."""
+    """Return plans and their processor times in ms, the lesser of two."""
     plans, times = [], []
     for case in cases:
         problem, least = asked(*case), np.inf
@@ -169,7 +169,7 @@ def timed(cases):
 
 
 def bench_frozen():
-    """Print what the frozen problems take."""
+    """Print results and times of the frozen problems."""
     with np.load(FROZEN) as file:
         data = dict(file)
     for name in ("easy", "hard"):
@@ -187,7 +187,7 @@ def bench_frozen():
 
 
 def bench_random(count, seed):
-    """Print what becomes of random problems."""
+    """Print results and times of random problems."""
     rng = np.random.default_rng(seed)
     tally, collides, times, least = {"found": 0, "infeasible": 0, "not found": 0, "refused": 0}, 0, [], np.inf
     for _ in range(count):

@@ -1,6 +1,6 @@
-"""What it costs to correct commands with each cable model: set-point by set-point, and a whole motion within limits.
+"""Time to correct commands with each cable model: set-point by set-point, and a whole motion within limits.
 
-Models are fitted on a recording simulated with the identified plant. Times of corrections are the processor's. Fitting
+Models are fitted to a recording simulated with the identified plant. Times of corrections are processor times. Fitting
 the LSTM takes most of the minute.
 
 Run: .venv/bin/python benchmarks/bench_compensation.py [--models play lstm] [--motions N] [--seed N]
@@ -35,7 +35,7 @@ SET_POINTS = 300
 WASHOUT = 20
 """Set-points after which the cables' past, unknown at the start, no longer matters."""
 LOW_M, HIGH_M, REACH_M = 0.010, 0.036, 0.030
-"""Transfers go up and down between these heights over the table, within so much of its middle in x and y."""
+"""Transfers go up and down between the two heights over the table, within ``REACH_M`` of its middle in x and y."""
 
 
 def recording(rng):
@@ -111,7 +111,7 @@ def measured(kind, rows, desired, motions, rng):
 
 
 def main():
-    """Print for each model its fit, one set-point, the true error that is left in the plant, and one motion."""
+    """Print for each model the times of its fit, of a set-point and of a motion, and the error left in the plant."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--models", nargs="+", default=list(MODELS), choices=list(MODELS))
     parser.add_argument("--motions", type=int, default=20)

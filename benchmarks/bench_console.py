@@ -1,8 +1,8 @@
-"""How well hands over a socket clear the board: a scripted person, who sees late and trembles.
+"""Peg transfer by a scripted person over the console's socket, who sees late and whose hand trembles.
 
-The person sees where tips and blocks truly are, as a person does through the stereo view, but ``--late`` seconds ago,
-and moves a device whose position trembles. It plans nothing: it goes above a block, down, closes, lifts, goes over the
-peg, down, opens, and corrects what it sees on the way, at the cell's own pace.
+The person sees the true poses of tips and blocks, as through a stereo view, but those of ``--late`` seconds ago, and
+moves a device whose position trembles. It plans nothing: it goes above a block, down, closes, lifts, goes over the peg,
+down, opens, and corrects the errors that it sees on the way, at the cell's own pace.
 
 Run: .venv/bin/python benchmarks/bench_console.py --seed 31
 """
@@ -37,9 +37,9 @@ from trocar.tasks.peg_transfer.task import PegTransfer
 RATE_HZ = 30.0
 SPEED_M_S, SPEED_RAD_S = 0.06, 1.2
 SCALE = 0.3
-"""Metres of the tip a metre of the hand."""
+"""Metres that the tip moves per metre of the hand."""
 GAIN = 1.5
-"""Share of what is seen to be off that the hand makes up a second."""
+"""Share of the visible error that the hand corrects per second."""
 NEAR_M, NEAR_RAD = 1.0e-3, 0.06
 STILL_S, PATIENCE_S = 0.25, 6.0
 ABOVE_M = 0.035
@@ -72,7 +72,7 @@ class Person(threading.Thread):
         self.hand, self.turned, self.shake = np.zeros(3), SO3.exp(np.zeros(3)), np.zeros(3)
 
     def look(self) -> None:
-        """Note where everything truly is now; called on the cell's thread."""
+        """Note the true poses of now; called on the cell's thread."""
         laboratory = self.laboratory
         if laboratory is None:
             return
@@ -82,17 +82,17 @@ class Person(threading.Thread):
         self.views.append((self.now_s(), {"tip": tip, **places}))
 
     def now_s(self) -> float:
-        """Return the cell's clock, by which the person lives: a busy machine makes nobody late."""
+        """Return the cell's time, by which the person acts: a busy machine does not delay it."""
         return self.laboratory.now_s() if self.laboratory is not None else 0.0
 
     def sleep(self, seconds: float) -> None:
-        """Wait on that clock."""
+        """Wait on the cell's clock."""
         end_s = self.now_s() + seconds
         while self.now_s() < end_s:
             time.sleep(0.001)
 
     def seen(self) -> dict[str, SE3]:
-        """Return what is seen: how things were some time ago."""
+        """Return the poses that the person sees: those of ``late_s`` ago."""
         now = self.now_s()
         return next((view for at, view in reversed(self.views) if at <= now - self.late_s), self.views[0][1])
 
@@ -108,7 +108,7 @@ class Person(threading.Thread):
             self.say(wish="done")
 
     def transfer(self, source: int, target: int) -> bool:
-        """Bring the block on a peg to another peg; return whether it came up, or there is none."""
+        """Carry the block on one peg to another; return False if it was not lifted, to try again."""
         assert self.laboratory is not None
         world, scene = self.laboratory.world, self.scene
         board, block, T_world_board = scene.board, scene.block, scene.T_world_board
@@ -140,9 +140,9 @@ class Person(threading.Thread):
         return True
 
     def go(self, goal: SE3, jaw: float, of: str = "tip") -> None:
-        """Move until the tip, or the block that it holds, is seen where it should be, or patience ends.
+        """Move until the tip, or the block that it holds, is seen at its goal, for ``PATIENCE_S`` at most.
 
-        The device is let go and taken anew first: wherever the arm could not follow it, the two part again from here.
+        The person clutches first, so that hand and arm agree again where the arm could not follow.
         """
         self.say(arm=ARM, held=False)
         began, since = self.now_s(), 0.0
@@ -162,7 +162,7 @@ class Person(threading.Thread):
             self.move(np.zeros(3), np.zeros(3), jaw)
 
     def move(self, velocity: np.ndarray, turning: np.ndarray, jaw: float) -> None:
-        """Move the hand for a moment."""
+        """Move the hand for one period."""
         step_s = 1 / RATE_HZ
         share = 1 - np.exp(-2 * np.pi * 8.0 * step_s)
         noise = self.rng.normal(scale=self.tremor_m * np.sqrt((2 - share) / share), size=3)
@@ -174,20 +174,20 @@ class Person(threading.Thread):
         self.sleep(step_s)
 
     def say(self, **line: object) -> None:
-        """Say a line and read the answer."""
+        """Send a line and read the answer."""
         self.stream.write(json.dumps(line).encode() + b"\n")
         self.stream.flush()
         self.stream.readline()
 
 
 def limited(vector: np.ndarray, most: float) -> np.ndarray:
-    """Return a vector that is no longer than this."""
+    """Return a vector, shortened to this length if it is longer."""
     length = float(np.linalg.norm(vector))
     return vector if length <= most else vector * (most / length)
 
 
 class Seat(Watch):
-    """A console at which a person sits who looks at its cell."""
+    """A console at which the scripted person sits."""
 
     def __init__(self, person: Person, **how: Any):
         super().__init__(**how)
@@ -196,7 +196,7 @@ class Seat(Watch):
             person.port = self._inputs.port
 
     def attend(self, config: RunConfig, laboratory: SimLaboratory) -> None:
-        """Come to the laboratory."""
+        """Show the laboratory to the person, who begins."""
         super().attend(config, laboratory)
         self.person.laboratory, self.person.goals = laboratory, config.task.goals()
         self.person.scene = laboratory.task._scene
@@ -210,13 +210,13 @@ class Seat(Watch):
         self.person.start()
 
     def play(self, config: RunConfig) -> Trial:
-        """Return a trial at which the person sat."""
+        """Play a trial with the person at the console, and return it."""
         with TemporaryDirectory() as folder:
             return run_trial(config, prepare(config, 0, folder), 0, attendant=self, raise_errors=True)
 
 
 def print_trial(trial: Trial, out: Path | None) -> None:
-    """Print what came of a trial, and keep it if that is wanted."""
+    """Print the outcome of a trial, and save it if ``out`` is given."""
     done = sum(score["succeeded"] for score in trial.scores)
     print(f"{done} of {len(trial.scores)} transfers in {trial.duration_s:.0f} s, {len(trial.collisions)} collisions")
     print(f"ended {trial.ended} {trial.reason}")

@@ -1,6 +1,6 @@
-"""Set-points over the network at 100, 200 and 500 Hz, from the loop of real arms to a served cell: lost, late, beyond.
+"""Set-points over the network at 100, 200 and 500 Hz, from the hardware loop to a served cell: losses, delays, limits.
 
-A listener beside them notes when each set-point came and what it was. Times are this machine's.
+A listener in a process of its own notes each set-point and when it came. Times depend on the machine.
 
     python benchmarks/bench_crtk.py                  # 20 s a rate, over ROS 2
     python benchmarks/bench_crtk.py --seconds 600 --rates 200 500
@@ -34,7 +34,7 @@ POLL_S = 0.0003
 
 
 class CountingArm(CrtkArm):
-    """An arm over the network that leaves behind how many set-points it sent."""
+    """An arm over the network that counts the set-points that it sends, into a file."""
 
     def __init__(self, name: str, topics: Topics, folder: Path):
         super().__init__(name, topics)
@@ -52,7 +52,7 @@ class CountingArm(CrtkArm):
 
 
 def listen(topics: Topics, ready: Event, over: Event, path: Path) -> None:
-    """Note stamp, arrival and joints of every set-point of the first arm until it is over."""
+    """Record stamp, arrival and joints of every set-point of the first arm, until ``over`` is set."""
     heard = open_bus(topics).subscriber(f"{topics.of_arm(ARMS[0])}/servo_jp", JointState)
     rows = []
     ready.set()
@@ -65,7 +65,7 @@ def listen(topics: Topics, ready: Event, over: Event, path: Path) -> None:
 
 
 def steady(topics: Topics, rate_hz: int, seconds: float) -> None:
-    """Print what became of the set-points of some time."""
+    """Stream set-points for some time; print losses, delays and the use of the limits."""
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as name:
         folder, tick_s = Path(name), 1.0 / rate_hz
@@ -102,7 +102,7 @@ def steady(topics: Topics, rate_hz: int, seconds: float) -> None:
 
 
 def main() -> None:
-    """Print how set-points fare."""
+    """Measure each rate."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--rates", type=int, nargs="*", default=[100, 200, 500], metavar="HZ")

@@ -1,8 +1,8 @@
-"""A task over CRTK that is disturbed at random times: is everything at rest within the limits, named, saved, and next?
+"""Disturb a task over CRTK at random times: do arms stop within their limits, is the fault named, the trial saved?
 
 Two arms move blocks on a served cell (``trocar run peg-transfer --robot``, ``trocar crtk serve``). Processes are killed
 or paused, sockets dropped, streams frozen, and the machine kept busy. Each try is one line of ``OUT/tries.jsonl``; the
-same command goes on where it stopped. What is wrong stays in ``OUT/wrong``.
+same command resumes where it stopped. The files of tries that went wrong stay in ``OUT/wrong``.
 
     python benchmarks/bench_crtk_disturbances.py                           # 20 tries, five minutes
     python benchmarks/bench_crtk_disturbances.py --times 200 --out out/200
@@ -49,15 +49,15 @@ from crtk_partners import python_of, ros1_master
 
 MOST_RATIO = 1.001
 WITHIN_S = 3.5
-"""Arms that move are disturbed within this."""
+"""Arms are disturbed within this time after they begin to move."""
 FAULT_S = 6.5
-"""A planted fault begins so long after the robot was started, and up to ``WITHIN_S`` later: the arms move by then."""
+"""A planted fault begins this long after the robot's start, or up to ``WITHIN_S`` later: the arms move by then."""
 REST_S = 3.0
-"""Arms are at rest so long after the client has ended."""
+"""Arms must be at rest within this time after the client has ended."""
 KEPT = 8
-"""A robot does for so many tries: then few blocks are left where the task expects them."""
+"""Number of tries per robot: after these, few blocks are left where the task expects them."""
 ANSWERED_S = (0.07, 0.09)
-"""An arm that moves so long after its stream was interrupted was moving then."""
+"""An arm that moves between these times after the disturbance was moving when it began."""
 
 
 @dataclass
@@ -67,15 +67,15 @@ class Try:
     Attributes:
         number: of the try.
         kind: of the disturbance.
-        what: in words.
-        at_s: after the arms began to move.
-        velocity: largest share of its limit in what the robot did; likewise acceleration.
-        faults: that the client named.
-        ended: how its trial ended, and why.
-        started: whether the arms moved; where the robot is faulty from the start they need not.
-        started_s: until the arms moved.
-        seconds: that the whole try took.
-        wrong: sentences.
+        what: the disturbance in words.
+        at_s: time of the disturbance, from the first motion of the arms.
+        velocity: largest velocity of the robot's arms as a share of its limit; ``acceleration`` likewise.
+        faults: those that the client named.
+        ended: how the client's trial ended; ``reason`` says why.
+        started: whether the arms moved; with a planted fault, they need not.
+        started_s: time until the arms moved.
+        seconds: duration of the whole try.
+        wrong: what went wrong, in sentences.
     """
 
     number: int
@@ -94,7 +94,7 @@ class Try:
 
 
 class Bench:
-    """Tries, one after the other, on robots that are kept while they are well."""
+    """Runs tries in turn; keeps a robot while it is sound."""
 
     def __init__(self, out: Path, seed: int, words: list[str], python: str):
         self._out, self._seed, self._words, self._python = out, seed, words, python
@@ -103,7 +103,7 @@ class Bench:
         self._client_out: Path | None = None
 
     def attempt(self, number: int, kind: str = "") -> Try:
-        """Do one try, of a kind or of any."""
+        """Do one try, of the given kind or of a random one."""
         rng, began_s = random.Random(f"{self._seed}-{number}"), time.monotonic()
         kind = kind or rng.choice(list(KINDS))
         found = Try(number, kind)
@@ -140,8 +140,8 @@ class Bench:
         near = (rows[:, 0] > at_s + ANSWERED_S[0]) & (rows[:, 0] < at_s + ANSWERED_S[1])
         moving = bool(rows[near, 2 + 6 * TICK_SERVOS :].any())
         trial = trial_file(out, 0, 0)
-        cut_off = kind == "script killed" and not trial.is_file()  # a trial that a fault had ended before is whole
-        self._client_out = out if cut_off else None  # the next try is the same command again
+        cut_off = kind == "script killed" and not trial.is_file()  # else a fault had ended it before
+        self._client_out = out if cut_off else None  # the next try resumes this run
         if not cut_off and (found.started or not client.code):
             self._judge(found, trial, client, done, moving)
         found.wrong += [f"half-written: {path}" for path in out.rglob("*.part*")]
@@ -152,7 +152,7 @@ class Bench:
         return found
 
     def _judge(self, found: Try, path: Path, client: Process, done: Done, moving: bool) -> None:
-        """Look at the client's trial."""
+        """Check the client's exit code and its trial."""
         kind = KINDS[found.kind]
         if client.code != 0 and found.kind != "script killed":
             found.wrong.append(f"the client's exit code is {client.code}")
@@ -175,7 +175,7 @@ class Bench:
             found.wrong.append("the client's record breaks off while an arm moves")
 
     def _fresh(self, plant: str, fault_s: float) -> Robot:
-        """Return a robot that is well, a new one if it has to be."""
+        """Return a sound robot, a new one if need be."""
         if plant or self._used == KEPT:
             self.end()
         if self._robot is None:

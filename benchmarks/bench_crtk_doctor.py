@@ -1,9 +1,9 @@
-"""Each fault that can be planted in a served robot, heard by ``trocar crtk doctor`` over ROS 2: a line for each.
+"""Does ``trocar crtk doctor`` find each fault that can be planted in a served robot, over ROS 2? A line for each fault.
 
 The robot, the client that moves its first arm and the doctor are processes of their own. One robot has one fault after
-the other, but those that are there from the start, for which another one is served. Where this machine holds the doctor
-up, so that it does not judge what it should, it listens again. Printed: which check should find the fault, whether it
-did, and which others failed, of whom. It takes three minutes.
+the other; each fault that exists from the start gets a robot of its own. If the machine is so busy that the doctor does
+not judge a check, it listens again. Printed: which check should find the fault, whether it did, and which other checks
+failed. It takes three minutes.
 
     PYTHONPATH=src python benchmarks/bench_crtk_doctor.py [KIND ...]
 """
@@ -34,18 +34,18 @@ HEALTHY = "none"
 TIMES = ("gaps", "clock", "latency", "jitter")
 TRIES, START_S = 6, 240.0
 TOPICS = Topics(domain=int(os.environ.get("ROS_DOMAIN_ID", "43")))
-FORK = get_context("fork")  # what is loaded already need not be loaded again by each of many processes
+FORK = get_context("fork")  # saves loading everything again in each of many processes
 NOW = FORK.Value("i", -1)
-"""Which fault the robot has now: an index into ``KINDS``."""
+"""The fault that the robot has now: an index into ``KINDS``; -1: none."""
 
 
 def arm_of(kind: str) -> str:
-    """Return the arm that has a fault: one that moves may well be busy."""
+    """Return the arm that gets a fault: to be busy is a fault only of an arm that rests."""
     return RESTS if kind == "busy" else MOVED
 
 
 def gated(kind: Kind, index: int) -> Kind:
-    """Return a fault that is there only while it is its turn."""
+    """Return a fault that acts only while ``NOW`` is its index."""
 
     def change(place: Any) -> Any:
         assert kind.change is not None
@@ -70,7 +70,7 @@ def serve(kinds: Sequence[str]) -> None:
 
 
 def move() -> None:
-    """Stream set-points to the first arm for ever."""
+    """Stream set-points to the first arm without end."""
     out = open_bus(TOPICS).publisher(f"{TOPICS.of_arm(MOVED)}/servo_jp", JointState)
     park, t = load_station(STATION).arms[MOVED].park_q(), 0.0
     while True:
@@ -81,7 +81,7 @@ def move() -> None:
 
 
 def await_start() -> None:
-    """Return when the robot's last topics have come."""
+    """Wait until the topics that the robot publishes last have come."""
     bus, deadline_s = open_bus(TOPICS), time.monotonic() + START_S
     starts = [bus.subscriber("/overhead/color/image_raw", Image), bus.subscriber("/PSM2/jaw/measured_js", JointState)]
     while not all([one.take() or one.last for one in starts]):
@@ -90,14 +90,14 @@ def await_start() -> None:
 
 
 def examine() -> dict[tuple[str, str], str]:
-    """Return the doctor's verdicts, by who is meant and check."""
+    """Return the doctor's verdicts, by subject and check."""
     checks = doctor(STATION, domain=TOPICS.domain).summary["checks"]
     return {(check["of"], check["name"]): check["verdict"] for check in checks}
 
 
 @contextmanager
 def running(target: Any, *args: Any) -> Iterator[None]:
-    """Run a process meanwhile."""
+    """Run a function in a process during the block."""
     process = FORK.Process(target=target, args=args)
     process.start()
     try:
@@ -109,7 +109,7 @@ def running(target: Any, *args: Any) -> Iterator[None]:
 
 
 def try_kind(kind: str) -> tuple[bool, int]:
-    """Print what the doctor says to a robot with this fault; return whether that is right, and others' failures."""
+    """Print the doctor's verdict on a robot with this fault; return whether it is right, and others' failures."""
     arm, began_s, tried, judged = arm_of(kind), time.monotonic(), 0, False
     wanted = KINDS[kind].found_by if kind != HEALTHY else ""
     verdicts: dict[tuple[str, str], str] = {}

@@ -1,10 +1,10 @@
-"""The public CRTK clients' scripts, unmodified, against a served cell over ROS 2 and ROS 1: some lines for each.
+"""Scripts of the public CRTK clients, unmodified, against a served cell over ROS 2 and ROS 1: some lines for each.
 
 They are not part of this package: put checkouts of collaborative-robotics/crtk_python_client and jhu-dvrk/dvrk_python
-into ``.partners``, and make ``.ros2`` (``tools/ros2.sh --clients``) and ``.ros1`` (``tools/ros1.sh``). Of each script
-this says how it ended, how much of what it sends the cell received, and how far the arm was off, in rad, m or parts of
+into ``.partners``, and make ``.ros2`` (``tools/ros2.sh --clients``) and ``.ros1`` (``tools/ros1.sh``). Printed for each
+script: how it ended, how many of its messages the cell received, and how far the arm was off, in rad, m or elements of
 a rotation matrix: from the goal at the end of each move; from the path of a stream; and from the stream itself, which
-is played back later by a delay that should be constant.
+the cell plays back with a delay that should be constant.
 
     PYTHONPATH=src python benchmarks/bench_crtk_partners.py [ROS [SCRIPT ...]]
 """
@@ -49,7 +49,7 @@ SCRIPTS = [
     ),
     (DVRK / "scripts/dvrk_latency_test.py", [], {}),
 ]
-"""Each script, its words, and how often it sends what, by its source."""
+"""Each script, its arguments, and how many messages it sends on which topic, according to its source."""
 REPORTS = {"setpoint_js": JointState, "jaw/setpoint_js": JointState, "setpoint_cp": PoseStamped}
 DELAYS_S = np.arange(0.0, 0.08, 0.0005)
 SETTLE_S, START_S = 1.0, 0.3
@@ -57,7 +57,7 @@ SETTLE_S, START_S = 1.0, 0.3
 
 
 class Listener:
-    """Hears what the arm says; what is commanded is written down by the client, whom another reader would confuse."""
+    """Records what the arm publishes; clients record their own commands: another subscriber would confuse them."""
 
     def __init__(self, topics: Topics):
         bus = open_bus(topics)
@@ -67,7 +67,7 @@ class Listener:
         self.heard: dict[str, list[tuple[float, Any]]] = {what: [] for what in self.sources}
 
     def take_until(self, over: Callable[[], bool], limit_s: float) -> None:
-        """Take what comes until then."""
+        """Record what the arm publishes until ``over`` is true."""
         end_s = time.monotonic() + limit_s
         while not over():
             if time.monotonic() > end_s:
@@ -91,7 +91,7 @@ class Listener:
         return np.array(times), np.array(values)
 
     def add_sent(self, file: Path) -> dict[str, int]:
-        """Take what the client wrote down of what it published; return how much of what."""
+        """Add the messages that the client published, from its file; return their number by topic."""
         counts: dict[str, int] = {}
         for topic, stamp_s, value in json.loads(file.read_text()) if file.exists() else ():
             what = topic.removeprefix("/PSM1/")
@@ -112,10 +112,10 @@ def matrix_of(pose: Pose) -> np.ndarray:
 
 
 def stream_deviation(listener: Listener, command: str, report: str) -> dict[str, float]:
-    """Return how far a stream was played back from its path, and from it at the best constant delay."""
+    """Return how far the playback of a stream was off its path, and off the stream at the best delay."""
     times, wanted = listener.rows(command)
     told_s, told = listener.rows(report)
-    gaps = np.flatnonzero(np.diff(times) > 0.1)  # between two streams it does something else
+    gaps = np.flatnonzero(np.diff(times) > 0.1)  # between two streams, the script does something else
     best = {"median": np.inf}
     for delay_s in DELAYS_S:
         at_s = told_s - delay_s
@@ -132,7 +132,7 @@ def stream_deviation(listener: Listener, command: str, report: str) -> dict[str,
 
 
 def path_deviation(told: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return the distances (n,) of points (n, joints) from a line through others (m, joints)."""
+    """Return the distances (n,) of points (n, joints) from a polyline (m, joints): the largest of all joints."""
     start, along = wanted[:-1], np.diff(wanted, axis=0)
     length = np.maximum((along**2).sum(axis=1), 1e-30)
     found = []
@@ -160,7 +160,7 @@ def move_deviation(listener: Listener, command: str, report: str) -> dict[str, f
 
 
 def run_script(topics: Topics, script: Path, words: list[str], sends: dict[str, int]) -> dict[str, Any]:
-    """Serve a cell, run a script against it, and return what came of it."""
+    """Serve a cell, run a script against it, and return the results."""
     listener, ros = Listener(topics), topics.ros
     serve = ["--ros", str(ros), "--domain", str(topics.domain or 0), "--master", topics.master]
     environment = environment_of(ros, topics.domain or 0, topics.master)
@@ -208,7 +208,7 @@ def print_row(row: dict[str, Any]) -> None:
 
 
 def run_all(ros: int, only: list[str]) -> None:
-    """Run the scripts over one ROS."""
+    """Run the scripts over ROS 1 or ROS 2."""
     domain = int(os.environ.get("ROS_DOMAIN_ID", "42"))
     with ros1_master() if ros == 1 else nullcontext("") as master:
         topics = Topics(ros=1, master=master) if ros == 1 else Topics(ros=2, domain=domain)
@@ -218,7 +218,7 @@ def run_all(ros: int, only: list[str]) -> None:
 
 
 def main() -> None:
-    """Run what can be run; the child that speaks ROS 1 is started in the Python that has rospy."""
+    """Run what is installed, each version of ROS in a process; for ROS 1, in the Python that has rospy."""
     if len(sys.argv) > 1:
         run_all(int(sys.argv[1]), sys.argv[2:])
         return

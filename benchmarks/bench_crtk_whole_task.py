@@ -1,12 +1,11 @@
-"""The peg transfer over the network, agent and cell in two processes, beside the embedded trials of the same sessions.
+"""Peg transfer over the network, agent and cell in two processes, compared with the same sessions in one process.
 
     python benchmarks/bench_crtk_whole_task.py                                  # three variants, ten sessions, ROS 2
     python benchmarks/bench_crtk_whole_task.py --variant unilateral --sessions 1 --ros 1
 
-Every session is one trial of twelve transfers: first embedded, which leaves the cables' models behind; then
-``trocar crtk serve`` in one process and ``trocar run peg-transfer --robot`` in another, with these models, in real
-time. The referee of the served cell counts. What is in ``--out`` is not run again, so that it can be interrupted.
-Needs two cores that have nothing else to do.
+Every session is one trial of twelve transfers: first in one process ("embedded"), which also fits the cable models;
+then ``trocar crtk serve`` in one process and ``trocar run peg-transfer --robot`` in another, with these models, in real
+time. The referee of the served cell counts. Trials in ``--out`` are not run again. Needs two idle cores.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from trocar.eval.trials import Trials
 
 TROCAR = [sys.executable, "-m", "trocar"]
 START_S = 120.0
-"""A cell is served within this time."""
+"""A cell must be served within this time."""
 
 
 def embedded(folder: Path, variant: str, sessions: int, seed: int, method: str) -> Path:
-    """Run the sessions embedded, as far as that has not been done; return their folder."""
+    """Run the sessions in one process, as far as they are missing; return their folder."""
     out = folder / f"embedded_{variant}"
     words = ["run", "peg-transfer", "--variant", variant, "--method", method, "--seed", str(seed), "--trials", "1"]
     subprocess.run([*TROCAR, *words, "--sessions", str(sessions), "--out", str(out)], check=True)
@@ -75,7 +74,7 @@ def row(name: str, played: list[Trial], judged: list[Trial]) -> tuple[str, float
 
 
 def main() -> None:
-    """Print both beside each other."""
+    """Run both ways and print them beside each other."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--variant", nargs="*", default=["unilateral", "bilateral", "handover"])
     parser.add_argument("--sessions", type=int, default=10)

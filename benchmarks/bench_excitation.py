@@ -1,10 +1,10 @@
-"""What a short recording is worth, by its motion: random and smooth as the paper's, or wide swings.
+"""Errors of models fitted to short recordings, by motion: random and smooth as the paper's, or wide swings.
 
     python benchmarks/bench_excitation.py [--sessions 10] [--difficulty recorded]
 
-The cables are the cell's, at a difficulty: recordings of other motions than the smooth one do not exist. A model is
-fitted on so many samples, from a prior that never saw the instrument, and compared with the joints on 300 samples of
-the smooth motion, without measurement noise. Nothing is timed, so every machine prints the same figures.
+The cables are simulated, because there are no real recordings of the wide motion. A model is fitted to 35 to 100
+samples, from a prior that never saw the instrument, and compared with the true joints on 300 samples of another smooth
+motion. Nothing is timed, so every machine prints the same figures.
 """
 
 from __future__ import annotations

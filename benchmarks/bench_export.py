@@ -1,8 +1,8 @@
-"""How long it takes to export trials as a LeRobot data set, and how much memory: 200 episodes in 300 s of two cores.
+"""Time and memory to export trials as a LeRobot data set; the target is 200 episodes in 300 s of two cores.
 
     python benchmarks/bench_export.py out/ten/session_00/trial_000.npz --episodes 200
 
-The same trial, read from its file each time, stands for all of them.
+One trial, read from its file each time, stands for all episodes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TARGET_S, CORES = 300.0, 2
 
 
 class Repeated(Sequence[Any]):
-    """A trial as many, each of another session, and each read from the file."""
+    """One trial as a sequence of many, each of another session, and each read from the file."""
 
     def __init__(self, path: Path, count: int):
         self._path, self._count = path, count

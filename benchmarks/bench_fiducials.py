@@ -1,10 +1,10 @@
-"""Calibration from images: what an image costs, how good joints and tip are, and how many rows the cable model needs.
+"""Calibration from images: time per image, errors of joints and tip, and how many rows the cable model needs.
 
-Arms of the peg transfer's station are collected once. Joints are compared with those that would put the tip where it
-truly is if the base were where it is registered, before the adjustment (in closed form, in the base that these images
-give) and after it: constant part and scatter apart. In the cell `mild`, `play` is then fitted on some of the rows and
-compared with the cables alone (without what does not repeat) on another motion. Beside it: the joints of the closed
-form, and as many joints with drawn noise. Times are the processor's. Three minutes an arm.
+Each arm of the peg transfer's station is recorded once. Measured joints are compared with those that would put the tip
+in its true place if the base stood where it is registered, before the adjustment (closed form, in the base that these
+images give) and after it; constant error and scatter are separate. At difficulty `mild`, `play` is then fitted to some
+of the rows and compared with the cables, without their unrepeatable part, on another motion; likewise when fitted to
+the closed form's joints, and to as many joints with drawn noise. Times are processor times. Three minutes an arm.
 
 Run: .venv/bin/python benchmarks/bench_fiducials.py [--rows N] [--seed N]
 """
@@ -30,7 +30,7 @@ from trocar.perception.fiducial_joints import joints_from_spheres, joints_of_tip
 from trocar.sim.calibration_cells import record_motion
 
 PARTS = {"the first 200": (200, 1), "the first 650": (650, 1), "every second": (1302, 2), "all": (1357, 1)}
-"""Rows that a model is fitted on: the first so many, and of these each so-many-th."""
+"""Rows to which a model is fitted: the number of first rows, and the step between those that are used."""
 RECORDED_ROWS = 650
 OTHER_ROWS, WASHOUT = 800, 30
 """Rows of the other motion; at its beginning the cables' past is unknown."""
@@ -45,7 +45,7 @@ def wrist_rmse(recording, part, q, true):
 
 
 def errors(collection, q):
-    """Return constant part and scatter of measured joints (n, 6), and the RMS of where the tip is believed to be."""
+    """Return mean and SD of the errors of measured joints (n, 6), and the RMS error of the tip, mm."""
     arm, true = collection.view.arm, collection.q_joint
     good = np.isfinite(q).all(axis=1)
     off = (q - true)[good]
@@ -55,7 +55,7 @@ def errors(collection, q):
 
 
 def looked_at(level, arm, rows, seed):
-    """Return session, collection, its recording, the joints of the closed form, and figures of both."""
+    """Record an arm; return session, collection, recording, the joints of the closed form, and figures of both."""
     station = replace(load_station("peg-transfer"), difficulty=Difficulty.of(level))
     session = draw_session(station, np.random.default_rng([seed, 0]))
     box, seeds = station.arm(arm).calibration, np.random.SeedSequence([seed, 1, list(station.arms).index(arm)])

@@ -1,4 +1,4 @@
-"""How well a real gripper's pose is predicted 1, 2 and 5 s after its last detection, and how near to what is possible.
+"""Errors of a real gripper's pose predicted 1, 2 and 5 s after its last detection, beside the noise of detections.
 
 Run: .venv/bin/python benchmarks/bench_gripper_pose.py [--pairs FILE] [--seed N] [--choice] [--sensitivity] [--json]
 """
@@ -45,7 +45,7 @@ COMPARED = (
 )
 QUANTITIES = {"translation": "translation_m", "rotation": "rotation_rad"}
 CHOICE = {"drift_s": (2.0, 5.0, 10.0), "lag_s": (0.5, 1.0, 2.0), "drift_m": (0.002, 0.0035, 0.006)}
-"""Values among which forward chaining chooses: those of the error's physics that no datasheet gives."""
+"""Values among which forward chaining chooses, for the physical settings that no datasheet gives."""
 WARM_UP = 20
 """Pairs before the first choice."""
 
@@ -99,9 +99,9 @@ def coverage(pairs, horizon_s):
 
 
 def chosen_ahead(pairs, horizon_s):
-    """Return the mean error in m with settings that did best on what was known by then, the default's, the last choice.
+    """Return the mean error in m with settings chosen from the past, that of the default settings, and the last choice.
 
-    A target's settings are chosen by the targets that lie before its last detection.
+    A target's settings are those that did best on the targets up to its last detection.
     """
     grid = [dict(zip(CHOICE, values, strict=True)) for values in product(*CHOICE.values())]
     settings = [replace(FilterSettings(), **values) for values in grid]

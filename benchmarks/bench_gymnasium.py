@@ -1,8 +1,8 @@
-"""Environments: steps a second and core, beside MuJoCo alone on the same scene, and how they scale over processes.
+"""Environments: steps per second of one core, beside MuJoCo alone on the same scene, and scaling over processes.
 
-Random joint actions in the peg transfer with one arm. Times of one process are the processor's, so that they hold on a
-busy machine too; those of several processes are the wall clock's. `--random N` also drives N random steps through every
-task and tells what broke. Two minutes without it.
+Random joint actions in the peg transfer with one arm. Times of one process are processor times, which hold on a busy
+machine too; those of several processes are wall-clock times. `--random N` also takes N random steps in every task, and
+stops at an observation out of bounds. Two minutes without it.
 
 Run: .venv/bin/python benchmarks/bench_gymnasium.py [--steps N] [--random N]
 """
@@ -28,7 +28,7 @@ WARM = 20
 
 
 def steps_a_second(steps, **options):
-    """Return steps per second of the processor, the same of MuJoCo alone, and seconds of a reset."""
+    """Return steps per second of processor time, the same of MuJoCo alone, and the seconds of a reset."""
     env = CellEnv("peg-transfer", rate_hz=RATE_HZ, **options)
     began = time.process_time()
     env.reset(seed=0)
@@ -49,7 +49,7 @@ def steps_a_second(steps, **options):
 
 
 def scaled(steps, processes):
-    """Return steps a second of the wall clock of so many environments in processes of their own."""
+    """Return steps per second of wall time of environments in ``processes`` processes, all together."""
     envs = gymnasium.make_vec("trocar/PegTransfer-v0", num_envs=processes, vectorization_mode="async")
     envs.reset(seed=0)
     envs.action_space.seed(0)
@@ -64,7 +64,7 @@ def scaled(steps, processes):
 
 
 def driven(task, steps):
-    """Drive random actions; raise if a limit or a bound is broken; return the largest share of a limit."""
+    """Take random steps; return the arms' largest share of a limit; end if an observation leaves its bounds."""
     env = gymnasium.make(trocar.learn.envs.environment_id(task), disable_env_checker=True)
     env.action_space.seed(0)
     env.reset(seed=0)

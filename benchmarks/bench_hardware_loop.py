@@ -1,7 +1,7 @@
-"""The loop of real arms at 100, 200 and 500 Hz, with arms that only echo: jitter, latency, what is sent.
+"""The hardware loop at 100, 200 and 500 Hz, with arms that only echo their set-points: jitter, and use of the limits.
 
-A script computes in Python and moves both arms back and forth meanwhile; then processes are killed, frozen
-or interrupted at random times. Times are this machine's.
+A script moves both arms back and forth while it computes in Python; then processes are killed, frozen or interrupted
+at random times. Times depend on the machine.
 
     python benchmarks/bench_hardware_loop.py                  # 20 s a rate, 20 stops
     python benchmarks/bench_hardware_loop.py --seconds 600 --stops 200
@@ -39,27 +39,27 @@ SWING = np.array([0.3, 0.2, -0.03, 0.8, 0.4, -0.4])
 
 
 class EchoArm:
-    """An arm whose encoders read what it was sent; it notes when, and what."""
+    """An arm whose encoders read its set-points, which it writes to a file with their times."""
 
     def __init__(self, name: str, folder: Path):
         self.q, self.jaw_rad = STATION.arms[name].park_q(), 0.1
         self.file = (folder / name).open("ab", buffering=0)
 
     def commanded(self):
-        """Return where it stands."""
+        """Return the present joints and opening."""
         return self.q, self.jaw_rad
 
     def read(self):
-        """Return what it was sent."""
+        """Return the last set-point."""
         return HardwareReading(self.q, self.jaw_rad)
 
     def send(self, q, velocity, jaw_rad):
-        """Note a set-point."""
+        """Take a set-point and write it to the file."""
         self.q, self.jaw_rad = q, jaw_rad
         self.file.write(np.array([time.monotonic(), *q, *velocity]).tobytes())
 
     def close(self):
-        """End."""
+        """Close the file."""
         self.file.close()
 
 
@@ -71,7 +71,7 @@ def sent(folder: Path, arm: str) -> np.ndarray:
 
 @dataclass
 class Use:
-    """The largest shares of the limits in what an arm was sent, tick by tick."""
+    """Largest velocity and acceleration of an arm's set-points, tick by tick, as shares of the limits."""
 
     velocity: float
     acceleration: float
@@ -108,7 +108,7 @@ async def swing(cell: Cell, until_s: float) -> None:
 
 
 def steady(rate_hz: int, seconds: float) -> None:
-    """Print jitter and limits over some time."""
+    """Run the loop for some time; print its jitter and use of the limits."""
     with tempfile.TemporaryDirectory() as name:
         folder, tick_s = Path(name), 1.0 / rate_hz
         settings = LoopSettings(tick_s=tick_s, max_late=10**9, max_stall_s=10.0)
@@ -126,7 +126,7 @@ def steady(rate_hz: int, seconds: float) -> None:
 
 
 def victim(folder: Path) -> None:
-    """Be the process that something happens to."""
+    """Move the arms until killed; runs in the process that is stopped."""
     settings = LoopSettings(max_late=10**9, max_stall_s=10.0)
     connect = partial(EchoArm, folder=folder)
     with (
@@ -137,7 +137,7 @@ def victim(folder: Path) -> None:
 
 
 def stopped(rng: random.Random) -> tuple[str, bool, Use]:
-    """Let something happen at a random time; return what, whether the arms came to rest, and how they were driven."""
+    """Stop a process at a random time; return how, whether the arms came to rest, and their use of the limits."""
     how = rng.choice(["script killed", "script frozen", "loop told to end", "script interrupted"])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -163,7 +163,7 @@ def stopped(rng: random.Random) -> tuple[str, bool, Use]:
 
 
 def main() -> None:
-    """Print how the loop does."""
+    """Measure each rate, then the stops."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--stops", type=int, default=20)

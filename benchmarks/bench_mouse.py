@@ -1,8 +1,8 @@
 """One transfer by the mouse alone: a headless Chromium drags the handle's axes and arcs, and presses close and open.
 
-The scripted person of `bench_console.py` knows where tip and blocks truly are, as a person sees them; what it does is
-done in the browser: it projects the handle's axes into the picture with the page's camera, presses the mouse on one,
-drags it by what is seen to be off along it, waits until the arm has followed, lets go, and looks again.
+The scripted person of `bench_console.py` sees the true poses of tip and blocks, and acts in the browser: it projects
+the handle's axes into the picture with the page's camera, presses the mouse on one, drags it by the visible error along
+it, waits until the arm has followed, lets go, and looks again.
 
 Run: .venv/bin/python benchmarks/bench_mouse.py --seed 31
 """
@@ -28,17 +28,17 @@ from browser import browser
 
 SIZE = (900, 560)
 FINENESS = 0.15
-"""Pixels that are drawn a pixel, on each axis: without a graphics card, drawing is slow."""
+"""Pixels drawn per pixel of the page, on each axis: without a graphics card, drawing is slow."""
 ARROW, ARC = 0.85 * HANDLE_M, 0.65 * HANDLE_M
 """Where an axis is grasped, from the handle's middle, and the radius of its arcs."""
 STEPS = 2
-"""Places of the mouse on the way of a drag."""
+"""Steps of the mouse in one drag."""
 TURN_RAD = 0.6
-"""At most, in one drag."""
+"""Largest turn in one drag."""
 NEAR_STEP_M, FAR_M = 8e-3, 0.05
-"""So far at most an axis is dragged at once when it is nearer than this to the goal: the way there is no line."""
+"""Largest drag along an axis when the goal is nearer than ``FAR_M``: the arm does not follow in a straight line."""
 LOOKS = 12
-"""Drags after each of which is looked, on the way to one place."""
+"""Rounds of looking and dragging on the way to one goal, at most."""
 NEAR_M, NEAR_RAD = 1.5e-3, 0.15
 SENT_S = 0.3
 STILL_M, STILL_S, PATIENCE_S, LATE_S = 5e-4, 0.5, 8.0, 60.0
@@ -68,7 +68,7 @@ class Mouse(Person):
     """Moves the arm by the handle on the page.
 
     Args:
-        watch: whose page it is.
+        watch: the console whose page it uses.
     """
 
     def __init__(self, watch: Seat):
@@ -77,7 +77,7 @@ class Mouse(Person):
         self.wrong: BaseException | None = None
 
     def run(self) -> None:
-        """Do the task, and press the button that ends it, whatever comes."""
+        """Do the task, then press the button that ends it, after an error too."""
         with browser(*SIZE) as page:
             self.page = page
             try:
@@ -94,7 +94,7 @@ class Mouse(Person):
                 time.sleep(0.1)
 
     def go(self, goal: SE3, jaw: float, of: str = "tip") -> None:
-        """Drag one axis or arc after another until what is moved is seen where it should be."""
+        """Drag axes and arcs until the tip, or the block that it holds, is seen at its goal."""
         self.press(jaw)
         refused_rad = np.inf
         for _ in range(LOOKS):
@@ -102,7 +102,7 @@ class Mouse(Person):
             if NEAR_RAD < np.linalg.norm(turn) < refused_rad:
                 self.turn(turn)
                 if np.linalg.norm(self.twist(goal, of)) > 0.9 * np.linalg.norm(turn):
-                    refused_rad = NEAR_RAD  # the wrist turns no further: as it is, then
+                    refused_rad = NEAR_RAD  # the wrist turns no further: accept its orientation
             limit_m = NEAR_STEP_M if np.linalg.norm(self.off(goal, of)) < FAR_M else np.inf
             for axis in np.argsort(-np.abs(self.handle.rotation.matrix.T @ self.off(goal, of))):
                 step = self.handle.rotation.matrix[:, axis]
@@ -115,15 +115,15 @@ class Mouse(Person):
                 return
 
     def twist(self, goal: SE3, of: str) -> np.ndarray:
-        """Return the rotation vector (3,) from how something is seen to how it should be."""
+        """Return the rotation vector (3,) from the orientation that is seen to the goal's."""
         return (goal.rotation @ self.seen()[of].rotation.inverse()).log()
 
     def off(self, goal: SE3, of: str) -> np.ndarray:
-        """Return the way (3,) from where something is seen to where it should be."""
+        """Return the displacement (3,) from the position that is seen to the goal's."""
         return goal.translation_m - self.seen()[of].translation_m
 
     def turn(self, turn: np.ndarray) -> None:
-        """Drag the arcs so that the handle turns by a rotation vector of the world."""
+        """Drag one arc, that nearest to a rotation vector (3,) in the world, by at most ``TURN_RAD``."""
         held = self.handle.rotation
         own = (held.inverse() @ SO3.exp(turn) @ held).log()
         axis = int(np.abs(own).argmax())
@@ -151,7 +151,7 @@ class Mouse(Person):
         self.find()
 
     def rest(self) -> None:
-        """Wait until the tip stands still, and the handle is where it was left or brought to."""
+        """Wait until the tip stands still, for ``PATIENCE_S`` at most."""
         began, since, before = self.now_s(), self.now_s(), self.seen()["tip"]
         while self.now_s() - since < STILL_S and self.now_s() - began < PATIENCE_S:
             self.sleep(0.05)

@@ -1,10 +1,10 @@
-"""How long it takes to find the needle in the image of a look, beside what the agent declares for it.
+"""Time to find the needle in the image of a look, beside the budget that the agent declares for it.
 
     python benchmarks/bench_needle_looks.py [--seed N]
 
-One session of four driven sutures (`trocar run suture --seed N`, a minute or two); then the computation of each look is
-timed by itself, the best of three, on one core. Times depend on the machine: its speed, as a multiple of that for which
-times are declared, is printed too.
+Runs one session of four driven sutures (`trocar run suture --seed N`, a minute or two), then times the computation of
+each look by itself, the best of three, on one core. Times depend on the machine, so its speed relative to that for
+which budgets are declared is printed too.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Planning: recorded transfers by every planner in a table, Algorithm 2 beside a plain loop, moving starts, distances.
+"""Planning: every planner on recorded transfers, Algorithm 2 beside a plain loop, starts in motion, distances of arms.
 
 Run: .venv/bin/python benchmarks/bench_planning.py; the recordings: TROCAR_DATA, or shared/data beside
 the repository. The row of TOPPRA needs `pip install trocar[bench]`.
@@ -59,7 +59,7 @@ class PlainGrid(CubicGrid):
 
 
 def asked(four, **more):
-    """Return the problem of a transfer; its straight pieces are said only to who looks at them, so that all answer."""
+    """Return the problem of a transfer; ``arm`` holds options of the arm's motion, such as its straight pieces."""
     return MotionProblem({"psm": ArmMotion(ARM, four, LIMITS, **more.pop("arm", {}))}, range_slack=SLACK, **more)
 
 
@@ -79,7 +79,7 @@ def told(times_ms):
 
 @dataclass(frozen=True)
 class Row:
-    """What one planner makes of the recorded transfers: durations, largest ratios, off the vertical, time of a plan."""
+    """A planner's results on recorded transfers: durations, use of limits, deviation from vertical, times of plans."""
 
     name: str
     durations_s: list
@@ -90,7 +90,7 @@ class Row:
     refused: int = 0
 
     def told(self):
-        """Return the row."""
+        """Return the row as text."""
         ms = f"{np.median(self.plan_ms):8.1f}" if self.plan_ms else 8 * " "
         return (
             f"{self.name:28s} {np.mean(self.durations_s):8.4f} {self.velocity:9.6f} {self.acceleration:12.9f} "
@@ -109,7 +109,7 @@ def cpu_ms(work, repeats):
 
 
 def planned(name, problems, title=None):
-    """Return a planner's row."""
+    """Return a planner's row and its plans."""
     plan_motion(problems[0], name)
     repeats = 2 if name == "sqp" else 5
     times = [cpu_ms(lambda problem=problem: PLANNERS[name](problem), repeats) for problem in problems]
@@ -122,7 +122,7 @@ def planned(name, problems, title=None):
 
 
 def toppra_row(waypoints):
-    """Return the row of TOPPRA along straight lines between the waypoints, where it stops; None if it is not there."""
+    """Return the row of TOPPRA along straight lines between the waypoints, where it stops; None if not installed."""
     try:
         import toppra
         from toppra import algorithm, constraint
@@ -160,7 +160,7 @@ def toppra_row(waypoints):
 
 
 def bench_planners(waypoints, recorded):
-    """Print what each planner makes of the recorded transfers, and what no motion beats."""
+    """Print the results of each planner on recorded transfers, and the bound that no motion beats."""
     upright = {"straight": UPRIGHT}
     rows, plans = [], {}
     for name, title, more in (
@@ -200,7 +200,7 @@ def bench_plain_loop(problems):
 
 
 def bench_replacement(problems):
-    """Print what it takes to go elsewhere from the middle of a motion."""
+    """Print the time to plan a new motion from the middle of another one."""
     times, shares = [], []
     for problem, other in zip(problems, [*problems[1:], problems[0]], strict=True):
         under_way = plan_motion(problem).trajectory
@@ -229,7 +229,7 @@ def two_arms(left, right):
 
 
 def bench_clearance():
-    """Print what it takes to know how near two arms come."""
+    """Print the time to compute how near two arms come."""
     cases = {
         "apart": two_arms(((-0.06, 0.0), (-0.03, 0.01)), ((0.03, 0.01), (0.06, 0.0))),
         "one after the other": two_arms(((-0.04, 0.0), (0.01, 0.0)), ((-0.02, 0.0), (0.03, 0.0))),

@@ -1,9 +1,9 @@
-"""What cables do to learned policies, and what calibration gives back: one transfer, scored by the referee.
+"""Learned policies on raw and on compensated cables: one transfer, scored by the referee.
 
-Scores scripts and policies on new sessions, with raw cables and above compensated ones, at two difficulties; prints the
-table and draws the picture of ``docs/learning.md``. Policies lie in folders below POLICIES: ``mlp-raw`` and
-``mlp-calibrated`` as ``examples/chunked_mlp.py`` writes them, ``act-raw`` and ``act-calibrated`` as
-``examples/lerobot_act.py`` does; what is not there is left out. Interrupted, the same command continues.
+Scores scripts and policies in new sessions, with raw and with compensated cables, at two difficulties; prints the table
+and draws the picture of ``docs/learning.md``. Policies are folders in POLICIES: ``mlp-raw`` and ``mlp-calibrated`` as
+``examples/chunked_mlp.py`` writes them, ``act-raw`` and ``act-calibrated`` as ``examples/lerobot_act.py`` does; missing
+ones are left out. After an interruption, the same command resumes.
 
 Run: .venv/bin/python benchmarks/bench_policies.py POLICIES --lerobot PYTHON --out out/policies
 """
@@ -32,12 +32,12 @@ SCRIPTS = {"raw": "uncalibrated", "calibrated": "best"}
 DIFFICULTIES = ("mild", "recorded")
 SERVER = Path(__file__).parents[1] / "examples" / "lerobot_server.py"
 PORT = 5599
-"""The address of a policy is part of its run, which another port would not continue."""
+"""Always the same: a policy's address is part of its run, which could not be resumed with another port."""
 
 
 @contextmanager
 def served(python: str, folder: Path) -> Iterator[str]:
-    """Serve a policy of LeRobot; give its address once it answers."""
+    """Serve a policy of LeRobot; yield its address once it answers."""
     command = [python, str(SERVER), str(folder), "--port", str(PORT)]
     server = subprocess.Popen(command, env={**os.environ, "HF_HUB_OFFLINE": "1"}, stdout=subprocess.PIPE)
     try:

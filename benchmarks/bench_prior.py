@@ -1,10 +1,10 @@
-"""What a prior over instruments is worth: RMSE on the tails of real recordings after so many rows, with and without.
+"""RMSE of cable models fitted to the first rows of real recordings, with and without a prior over instruments.
 
     python benchmarks/bench_prior.py [--data DIR]
 
-The prior is learned from all recordings but those of the instrument it is tried on; for other sessions of an
-instrument, from all other recordings. The last table is of how well a fit knows how far off it may be. Nothing here is
-timed, so every machine prints the same figures.
+The prior is learned from the recordings of all other instruments; for another session of a known instrument, from all
+other recordings. The last table compares the errors of a fit with the SDs that it states. Nothing here is timed, so
+every machine prints the same figures.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ TRAINING_SHARE = 0.8
 
 
 def rmse(model: PlayModel, recording: Recording, first: int) -> str:
-    """Return the errors of q4 q5 q6 from a row on."""
+    """Return the RMSE of q4 q5 q6 from row ``first`` on, as text."""
     error = (model.predict(recording.q_cmd) - recording.q_phy)[first:][recording.valid[first:]]
     return " ".join(f"{value:.3f}"[1:] for value in np.sqrt(np.mean(error[:, 3:] ** 2, axis=0)))
 
 
 def row(title: str, recording: Recording, rows: int, tail: int, prior: FleetPrior, target: str) -> tuple[str, int]:
-    """Return a line of the table, errors from a row ``tail`` on, and how many of three miss their targets."""
+    """Return a line of the table, with errors from row ``tail`` on, and how many of the three miss their targets."""
     part = recording.first(rows)
     with_prior = rmse(fit_from_prior(part, prior), recording, tail)
     without = rmse(PlayModel.fit(part, np.random.default_rng(0)), recording, tail)
@@ -53,7 +53,7 @@ def row(title: str, recording: Recording, rows: int, tail: int, prior: FleetPrio
 
 
 def over_said(recording: Recording, rows: int, prior: FleetPrior) -> np.ndarray:
-    """Return the RMS (3,) of the wrist's errors after the first rows, over what a fit on those says of them."""
+    """Return the RMS (3,) of the wrist's errors after the first rows, divided by the SDs that a fit to these states."""
     learned, q = learn_from(recording.first(rows), prior), recording.q_cmd
     states = play_operator(learned.model.inputs(q)[:, :, None], learned.model.radii)
     said = np.array([learned.spread(state, command) for state, command in zip(states, q, strict=True)])

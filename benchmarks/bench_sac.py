@@ -1,6 +1,6 @@
-"""Stable-Baselines3's SAC learns to touch a ball that the camera finds; and its checks of every environment.
+"""SAC of Stable-Baselines3 learns to touch a ball that the camera finds; --check runs its checks of environments.
 
-PyTorch and Stable-Baselines3 are no dependencies: put them beside Trocar, for this benchmark alone.
+PyTorch and Stable-Baselines3 are not dependencies of Trocar: install them into SITE_PACKAGES for this benchmark.
 
 Run: PYTHONPATH=SITE_PACKAGES .venv/bin/python benchmarks/bench_sac.py [--check] [--minutes 10]
 """
@@ -30,14 +30,14 @@ from trocar.registry import load_plugin
 PLUGIN = str(Path(__file__).parent / "reach.py")
 GAMMA = 0.95
 SHARE = 0.4
-"""Of the greatest increments, so that joints mostly keep up (assumed)."""
+"""Share of the largest increments that is used, so that joints mostly keep up (assumed)."""
 
 
 class Straight(gymnasium.Wrapper):
     """Three actions, the increments of the tip's position, from -1 to 1: the tool keeps its orientation, jaws closed.
 
-    Nine observations: where the tip is, how far away the ball is (0 before it was seen), and how far the tip moved in
-    the last step, since an arm cannot stop at once; in decimetres.
+    Nine observations, in decimetres: the tip's position, the vector from tip to ball (0 before it was seen), and the
+    tip's motion in the last step, since an arm cannot stop at once.
     """
 
     def __init__(self, env: gymnasium.Env):
@@ -60,13 +60,13 @@ class Straight(gymnasium.Wrapper):
         return self.seen(seen), float(reward), *ends, info
 
     def seen(self, seen: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the nine numbers."""
+        """Return the nine observations."""
         tip, ball, last, self.last_m = seen["state"][:3], seen["objects"], self.last_m, seen["state"][:3]
         return 10 * np.hstack([tip, ball - tip if ball.any() else np.zeros(3), tip - last]).astype(np.float32)
 
 
 def made(seed: int) -> Callable[[], gymnasium.Env]:
-    """Return what makes the environment: one ball, four seconds, ten increments of the tip a second."""
+    """Return a function that makes the environment: one ball, four seconds, ten increments of the tip a second."""
 
     def make() -> gymnasium.Env:
         load_plugin(PLUGIN)  # in each process
@@ -133,7 +133,7 @@ def touched(model: SAC, episodes: int) -> float:
 
 
 def main() -> None:
-    """Learn, and say how often the ball is touched then."""
+    """Learn, and print how often the ball is touched afterwards."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--minutes", type=float, default=10.0)

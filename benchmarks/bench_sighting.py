@@ -1,12 +1,11 @@
-"""How well a depth image tells the wrist of an instrument: errors, what it says of them, and the time it takes.
+"""Wrist joints of an instrument from a depth image: errors, the uncertainty that is stated, and the time it takes.
 
     python benchmarks/bench_sighting.py [--sessions N] [--looks N] [--difficulty LEVEL] [--shape MM]
 
-In each session of the cell an arm is put in as many configurations over the board as `adaptive` looks at before its
-first transfer. Its wrist is expected .08 -.05 .06 rad off, and .03 rad (SD) more; its outer joints and its base are off
-as the level of difficulty says. With ``--shape`` the true instrument's radii, lengths and widths differ from those that
-are fitted, by so much (SD), another way in each session. Times depend on the machine; everything else is the same on
-every one.
+In each session, an arm is put in as many configurations over the board as `adaptive` looks at before its first
+transfer. The expected wrist is off by .08 -.05 .06 rad, plus noise of .03 rad (SD); outer joints and base are off as
+the difficulty says. With ``--shape``, the true instrument's radii, lengths and widths differ from the fitted ones by
+this SD, drawn anew in each session. Only the times depend on the machine.
 """
 
 from __future__ import annotations
@@ -43,14 +42,14 @@ LOWER, UPPER = np.array([-1.3, -0.9, -1.0]), np.array([1.3, 0.9, -0.2])
 
 
 def misshapen(arm: ArmModel, shape_m: float, number: int) -> ArmModel:
-    """Return an arm whose instrument's dimensions differ by so much (SD)."""
+    """Return an arm whose instrument's dimensions are off by ``shape_m`` (SD)."""
     rng, instrument = np.random.default_rng([1, number]), arm.instrument
     off = {name: getattr(instrument, name) + shape_m * rng.standard_normal() for name in DIMENSIONS}
     return replace(arm, instrument=replace(instrument, **off))
 
 
 def looks_of(number: int, count: int, level: str, shape_m: float) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """Return errors (n, 3) in a session, the same over what was said of them, and times."""
+    """Return a session's errors (n, 3), the same divided by their stated SDs, and times in s."""
     rng = np.random.default_rng([0, number])
     station = replace(load_station("peg-transfer"), difficulty=Difficulty.of(level))
     session = draw_session(station, rng)

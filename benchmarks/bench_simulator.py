@@ -1,4 +1,4 @@
-"""Speed of the simulator on one core: one calibrated trial of peg transfer, perception included, and where it goes.
+"""Speed of the simulator on one core: a calibrated trial of peg transfer, with perception, and where the time goes.
 
 Run: .venv/bin/python benchmarks/bench_simulator.py [--seed N] [--transfers N]; all twelve transfers take half a minute.
 """
@@ -35,7 +35,7 @@ from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.tasks.peg_transfer.world import PegWorld
 
 BUSY = 0.9
-"""Below this share of the real time on the processor, the times are no measurement."""
+"""If processor time is less than this share of real time, the machine was too busy for a measurement."""
 
 WATCHED: tuple[tuple[type, str, str], ...] = (
     (World, "step", "physics (MuJoCo)"),
@@ -50,7 +50,7 @@ WATCHED: tuple[tuple[type, str, str], ...] = (
 
 
 class Stopwatch:
-    """Adds up the real time of functions, without that of others that it watches and that they call.
+    """Adds up the real time of functions, without that of other watched functions that they call.
 
     Attributes:
         seconds: by label.
@@ -63,7 +63,7 @@ class Stopwatch:
         self._inner_s: list[float] = []
 
     def watched(self, function: Callable[..., Any], label: str) -> Callable[..., Any]:
-        """Return the function, its time added up under a label."""
+        """Return the function with its time added up under a label."""
 
         @wraps(function)
         def timed(*args: Any, **kwargs: Any) -> Any:
@@ -81,7 +81,7 @@ class Stopwatch:
         return timed
 
     def watch(self) -> None:
-        """Watch the parts of the simulator, and what agents compute; for the rest of this process."""
+        """Watch the parts of the simulator and the agents' computations, for the rest of this process."""
         for owner, method, label in WATCHED:
             setattr(owner, method, self.watched(getattr(owner, method), label))
         compute = Cell.compute

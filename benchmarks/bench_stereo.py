@@ -1,11 +1,11 @@
 """How well two eyes find fragments and grippers: python benchmarks/bench_stereo.py --scenes 200.
 
 Each scene has six random fragments in their region and both arms anywhere over the surface, jaws open at random, under
-the stereo pair of the station raven-pair with noise, shadows and wet spots. Errors are against the simulator's truth:
-of a fragment its centre of volume, of a gripper the pose of its controlled point. A fragment is visible if each eye
-sees at least half of its outline (pixels of an exact rendering by the area of the projected hull); a gripper if each
-eye sees of at least three marks at least ``--mark-share`` of a disc's area. A detection counts for the nearest fragment
-within 6 mm, once; what is left is false. Times are of the process' clock, since other work may share the machine.
+the stereo pair of the station raven-pair with noise, shadows and wet spots. Errors are relative to the simulator's
+truth: a fragment's centre of volume, and the pose of a gripper's controlled point. A fragment is visible if each eye
+sees at least half of its outline (pixels of an exact rendering, divided by the area of the projected hull); a gripper
+is visible if each eye sees at least ``--mark-share`` of the disc of at least three marks. A detection counts for the
+nearest fragment within 6 mm, once; other detections are false. Times are processor times.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 class Fragments:
-    """What became of the fragments."""
+    """Results for fragments."""
 
     def __init__(self) -> None:
         self.errors_m: list[float] = []
@@ -92,7 +92,7 @@ class Fragments:
 
 
 class Grippers:
-    """What became of the grippers."""
+    """Results for grippers."""
 
     def __init__(self, mark_share: float) -> None:
         self._least = mark_share

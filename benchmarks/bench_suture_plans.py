@@ -1,8 +1,8 @@
-"""Plans of sutures in random setups against trying all plans, with margins and manipulability computed anew.
+"""Plans of sutures in random setups against a search of all plans, with margins and manipulability recomputed.
 
-Margin, manipulability of both arms, limits and distances from tissue, body wall and second arm come from the arm's
-frames and Jacobian, sample by sample, and the best even plan and the best one with bounded gaps from all plans on a
-coarse grid. Two thirds of the setups have a body wall, two thirds a second arm.
+Margins, manipulability of both arms, limits, and distances from tissue, body wall and second arm are recomputed from
+the arm's frames and Jacobian, sample by sample. The best even plan and the best plan with bounded gaps are found by
+trying all plans on a coarse grid. Two thirds of the setups have a body wall, two thirds a second arm.
 
 Run: .venv/bin/python benchmarks/bench_suture_plans.py [SETUPS] [SEED]
 """
@@ -44,7 +44,7 @@ TOLERANCE = 1e-9
 
 
 def surrounded(setup: SutureSetup, rng: np.random.Generator) -> SutureSetup:
-    """Return a setup with a body wall about its port, with a second arm, with both or with neither."""
+    """Return the setup with a body wall about its port, a second arm, both or neither."""
     x, y, up = setup.T_world_base.translation_m.tolist()
     slope, rises, thick = (float(rng.uniform(0.0, most)) for most in (0.8, TURN, 0.1))
     rise = math.tan(slope) * (x * math.cos(rises) + y * math.sin(rises))
@@ -116,7 +116,7 @@ def in_the_way(setup: SutureSetup, q: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def between(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> float:
-    """Return the distance of two segments: of their lines, if it is within both, or of an end from the other one."""
+    """Return the distance of segments ab and cd: of an end from the other, or of the lines if that lies within both."""
 
     def from_segment(p: NDArray, q: NDArray, r: NDArray) -> float:
         share = np.clip((p - q) @ (r - q) / ((r - q) @ (r - q)), 0.0, 1.0)
@@ -130,7 +130,7 @@ def between(a: NDArray, b: NDArray, c: NDArray, d: NDArray) -> float:
 
 
 def looked_at(setup: SutureSetup) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Return margin, mean of det(J J^T), what can be driven and what is feasible (2, n) of one arm, by definition."""
+    """Return one arm's margin, mean det(J J^T), whether it can drive, and feasibility (2, n), by definition."""
     thetas = np.arange(POSITIONS) * (TURN / POSITIONS)
     joints = joints_of(setup, thetas)
     arm, q = setup.arm, joints.q

@@ -72,7 +72,7 @@ def spacing(min_deg: float, max_deg: float) -> Spacing:
 
 
 def paper_problem(preset: Preset) -> tuple[bool, DexterityMap]:
-    """Time the paper's problem, including inverse kinematics; return whether they meet the target, and map."""
+    """Time the paper's problem, including inverse kinematics; return whether it meets the target, and the map."""
 
     def solve() -> tuple[DexterityMap, Any]:
         found = dexterity(preset.setup, preset.reward, POSITIONS)
@@ -121,7 +121,7 @@ def main() -> None:
     for name, preset in PRESETS.items():
         print(f"{name}:")
         paper, found = paper_problem(preset)
-        if preset.setup.insertion.theta_is == "entry":  # of which gaps in the tissue cannot be bounded
+        if preset.setup.insertion.theta_is == "entry":  # gaps in the tissue cannot be bounded then
             middle = replace(preset.setup, insertion=replace(preset.setup.insertion, theta_is="middle"))
             found = dexterity(middle, preset.reward, POSITIONS)
         print(" general problem, dexterities given:")

@@ -1,8 +1,8 @@
 """One transfer through an unmodified third-party stack: teleop's own page in a browser, its server, and our example.
 
-The person of `bench_console.py` holds a telephone that is not there: Chromium shows teleop's page with a WebXR device
-made up here, whose pose is that of the hand, and the page's buttons are clicked. What the page sends, what teleop makes
-of it and what `examples/teleop_phone.py` passes on is theirs. A telephone, its tracking and its network are not tried.
+The person of `bench_console.py` holds a simulated telephone: Chromium shows teleop's page with a WebXR device made up
+here, whose pose is that of the hand, and the page's buttons are clicked. Page, teleop's server and
+`examples/teleop_phone.py` are the real ones. A real telephone, its tracking and its network are not tested.
 
 Run: .venv/bin/python benchmarks/bench_teleop.py --python PYTHON_WITH_TELEOP --seed 45
 """
@@ -43,24 +43,24 @@ class Session extends EventTarget {
 window.XRWebGLLayer = class {}
 Object.defineProperty(navigator, "xr", {value: {requestSession: async () => new Session()}})
 """
-"""A WebXR device as far as teleop's page asks it: a handheld one, which has a pose and no controllers."""
+"""The part of a WebXR device that teleop's page uses: a handheld one, which has a pose and no controllers."""
 BUTTON = "document.querySelector('#teleop-ui').shadowRoot.getElementById('{}')"
 PRESS_S = 0.1
-"""A button is held, or let go, at least so long: the page looks at it once a picture."""
+"""A button is pressed, or released, at least this long: the page polls it once per frame."""
 START_S = 30.0
 LATE_S, TREMOR_M = 0.2, 1e-3
 
 
 class Telephone(Person):
-    """Does with teleop's page what the person does with a device.
+    """A person who uses teleop's page instead of a device.
 
     Args:
         page: a tab on which nothing is open yet.
-        given: of the person.
+        given: arguments of ``Person``.
 
     Attributes:
-        sent: displacement of the hand since it pressed *move*, in tenths of a micrometre, and when it was there.
-        delays_s: from there to the console's line, by the machine's clock.
+        sent: when the hand was at each displacement, in tenths of a micrometre since it pressed *move*.
+        delays_s: time from then until the console received that displacement, by the machine's clock.
     """
 
     def __init__(self, page: Page, *given: Any):
@@ -81,13 +81,13 @@ class Telephone(Person):
         self.places = {name: self.middle(BUTTON.format(name)) for name in ("motionButton", "gripperButton")}
 
     def middle(self, what: str) -> tuple[float, float]:
-        """Return where a thing is on the page, in pixels."""
+        """Return the middle of an element on the page, in pixels."""
         box = f"(() => {{ const b = {what}.getBoundingClientRect(); return [b.x, b.y, b.width, b.height] }})()"
         x, y, width, height = self.page.evaluate(box)
         return x + width / 2, y + height / 2
 
     def say(self, **line: Any) -> None:
-        """Do as a device's line says; what is no device's is said at the console."""
+        """Do on the page what a device's line says; send wishes to the console."""
         if "wish" in line:
             super().say(**line)
             return
@@ -118,7 +118,7 @@ class Telephone(Person):
         self.page.evaluate(f"window.phone = {json.dumps(pose)}; 0")
 
     def note(self, said: Said) -> None:
-        """Note how long a pose took to come here."""
+        """Note how long a pose took to reach the console."""
         if said.wish is Wish.RELEASE:
             self.clutched = np.full(3, np.nan)
         if said.wish is not Wish.HOLD:

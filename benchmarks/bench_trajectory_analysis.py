@@ -4,7 +4,7 @@
 
 Two sines (.8 and 2 Hz), and motions at the largest acceleration (25 rad/s^2) from rest to rest; 12 s at 100 Hz. The
 Savitzky-Golay filter is shown with its usual window of 21 samples and with the best of all odd windows from 5 to 59,
-chosen for each column by the true error: nobody who does not know the answer can do as well.
+chosen for each column by the true error, which is unknown in practice.
 """
 
 from __future__ import annotations

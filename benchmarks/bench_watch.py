@@ -1,16 +1,16 @@
-"""What `trocar run --watch` costs, what arrives on its page, and whether a long session grows.
+"""Cost of `trocar run --watch`, the rates at which its page is updated, and memory over a long session.
 
-One after another, in one run of this file:
+Three parts, one after another:
 
-cost: the same short trial not watched, and watched with no browser, one, and two (headless Chromiums, which draw
-without a graphics card on the same cores), alternately, as fast as they can; wall time, and time of the run's own
-process on a core, over those of the trial that nobody watched beside it.
+cost: the same short trial unwatched, and watched with no browser, one, and two (headless Chromiums, which draw without
+a graphics card on the same cores), in turn, as fast as they can. Printed: wall time and processor time of the run's
+process, divided by those of the unwatched trial before it.
 
-pace: a trial at the pace of the wall clock, with one browser and with two: moments shown, batches of poses that a
-browser got, frames that it drew, and images of cameras, each a second.
+pace: a trial at the pace of the wall clock, with one browser and with two. Printed, per second: moments shown, batches
+of poses that a browser got, frames that it drew, and camera images.
 
-memory: trials at the cell's full speed with one browser for ``--minutes``: resident memory of the run's process and of
-the page's, by a straight line through what was seen after the first quarter.
+memory: trials at the cell's full speed with one browser for ``--minutes``. Printed: growth of the resident memory of
+the run's process and of the page's, by a straight line through the readings after the first quarter.
 
 Run: .venv/bin/python benchmarks/bench_watch.py [--quick] [--parts cost pace memory]
 """
@@ -42,7 +42,7 @@ from browser import Page, browser
 SIZE = (1400, 900)
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 LOOK_S = 5.0
-"""Between two looks at the memory."""
+"""Time between two readings of the memory."""
 COUNT = """
 (() => {
   const seen = window.seen = {frames: 0, poses: 0, images: 0, at: performance.now()};
@@ -62,7 +62,7 @@ COUNT = """
   draw();
 })()
 """
-"""Counts in the browser: frames, frames for which new poses had come, images."""
+"""Counts in the browser: frames, frames with new poses, images."""
 
 
 class Counted(Watch):
@@ -80,7 +80,7 @@ class Counted(Watch):
 
     @property
     def process(self) -> int:
-        """Return the number of the page's process."""
+        """Return the process id of the page."""
         assert self._page is not None
         return self._page._process.pid or 0
 
@@ -94,7 +94,7 @@ class Cell:
             self.prepared: Prepared = prepare(self.config, 0, Path(folder))
 
     def run(self, watch: Watch | None = None) -> tuple[float, float, float]:
-        """Return wall time, time of this process on a core, and the cell's time, in s."""
+        """Return wall time, processor time of this process, and the cell's time, in s."""
         gc.collect()
         wall, own = time.perf_counter(), time.process_time()
         trial = run_trial(self.config, self.prepared, 0, attendant=watch, raise_errors=True)
@@ -108,10 +108,10 @@ def look_at(page: Page, watch: Watch) -> None:
 
 
 def cost(cell: Cell, rounds: int, pages: list[Page]) -> None:
-    """Print the ratios of watched trials to those that nobody watched."""
+    """Print the ratios of the times of watched trials to those of unwatched ones."""
     ratios: dict[int, list[tuple[float, float]]] = {count: [] for count in range(len(pages) + 1)}
     with Counted(0.0) as watch:
-        cell.run(watch)  # opens the page; all that is read once has been read
+        cell.run(watch)  # opens the page, and warms up
         for _ in range(rounds):
             for count, found in ratios.items():
                 wall, own, _ = cell.run()
@@ -133,7 +133,7 @@ def cost(cell: Cell, rounds: int, pages: list[Page]) -> None:
 
 
 def pace(cell: Cell, pages: list[Page]) -> None:
-    """Print what arrives a second at the pace of the wall clock."""
+    """Print what a page gets per second, at the pace of the wall clock."""
     with Counted(1.0) as watch:
         watch.console.speed = 0.0
         cell.run(watch)
@@ -181,7 +181,7 @@ def memory(cell: Cell, minutes: float, pages: list[Page]) -> None:
 
 
 def rss_mb(process: int) -> float:
-    """Return the resident memory of a process."""
+    """Return the resident memory of a process, MB."""
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * PAGE_MB
 
 
