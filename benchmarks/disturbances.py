@@ -1,4 +1,4 @@
-"""What can happen to a task that is done over CRTK: to script, loop, robot, network and machine."""
+"""Disturbances of a task over CRTK: of script, loop, robot, network and machine."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ STATION = "peg-transfer"
 LIMITS = [arm.limits for arm in load_station(STATION).arms.values()]
 VARIANT = "bilateral"
 BUDGET_S = 7.0
-"""A script that nothing has stopped is stopped after this."""
+"""The task's time budget: an undisturbed script is stopped after this."""
 START_S, END_S = 60.0, 60.0
 JUST_S = 0.05
-"""So long before a planted fault begins, it is looked whether something else has stopped the arms."""
+"""This long before a planted fault begins, the bench checks whether something else has stopped the arms."""
 LAST_S = 1.0
-"""A fault need not be noticed if a script begins no other motion before its end; so long before, it does."""
+"""A fault this long before the script's end must be noticed, since another motion begins; a later one need not."""
 PIDFD_GETFD, SO_ATTACH_FILTER = 438, 26
 _RETURN = ctypes.create_string_buffer(struct.pack("HBBI", 0x06, 0, 0, 0))  # keep 0 bytes of a packet
 _NOTHING = struct.pack("HL", 1, ctypes.addressof(_RETURN))
@@ -41,7 +41,7 @@ SHORT_S = 0.3
 
 
 class Process:
-    """A command in a group of its own, whose output goes to a file."""
+    """A command in a process group of its own, whose output goes to a file."""
 
     def __init__(self, words: Sequence[object], log: Path, environment: dict[str, str], python: str = sys.executable):
         with log.open("a") as file:
@@ -51,7 +51,7 @@ class Process:
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=file,
-                process_group=0,  # of the same session, so that a busy machine is as busy for it as for the others
+                process_group=0,  # not a new session, which might be scheduled apart from busy processes
             )
         self.pid, self.log = self._popen.pid, log
 
@@ -65,7 +65,7 @@ class Process:
         return until(lambda: self.code is not None, limit_s)
 
     def family(self) -> dict[int, str]:
-        """Return the command lines of the processes of its group that are there, by number."""
+        """Return the command lines of the live processes of its group, by process id."""
         found = {}
         for folder in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
@@ -75,7 +75,7 @@ class Process:
         return found
 
     def loop(self) -> int:
-        """Return the number of the process of the arms' loop.
+        """Return the process id of the arms' loop.
 
         Raises:
             ProcessLookupError: it has ended.
@@ -86,11 +86,11 @@ class Process:
         raise ProcessLookupError
 
     def stopped(self) -> bool:
-        """Return whether it has told of a fault."""
+        """Return whether its output reports a fault."""
         return ": fault: " in self.log.read_text()
 
     def clear(self, limit_s: float) -> list[str]:
-        """Wait for the whole group to end; kill what is left then, and return its command lines."""
+        """Wait for the group to end; kill what is left, and return its command lines."""
         until(lambda: not self.family(), limit_s)
         left = self.family()
         for pid in left:
@@ -101,7 +101,7 @@ class Process:
 
 
 def until(condition: Callable[[], object], limit_s: float) -> bool:
-    """Wait for something for some time; return whether it came."""
+    """Wait up to ``limit_s`` for a condition; return whether it became true."""
     end_s = time.monotonic() + limit_s
     while not condition():
         if time.monotonic() > end_s:
@@ -115,10 +115,10 @@ class Robot:
 
     Args:
         folder: for its files; it must not exist.
-        plant: a fault of the first arm.
-        fault_s: when it begins after the start.
-        words: more of its command line.
-        python: that runs it.
+        plant: a fault of the first arm; empty: none.
+        fault_s: time from the start to the fault.
+        words: further arguments of its command.
+        python: the interpreter that runs it.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class Robot:
         self.began_s = time.monotonic()
 
     def stop(self) -> list[str]:
-        """End it, and what is left of it; return what had to be killed although it was told to end."""
+        """Kill it and wait for its group; return the command lines of what had to be killed then."""
         if self.process.code is None:
             os.kill(self.process.pid, signal.SIGKILL)  # its record is written, and its pictures take seconds
         return self.process.clear(10.0)
@@ -150,7 +150,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class Scene:
-    """A task that is being done: by which process, on which robot, and since when its arms move."""
+    """A running task: the client's process, the robot, and the time at which its arms began to move."""
 
     client: Process
     robot: Robot
@@ -160,7 +160,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Done:
-    """What was done: in words, for how long, and whether the robot can be used further."""
+    """A disturbance that happened: in words, how long it lasted, and whether the robot can be used again."""
 
     what: str
     lasted_s: float = math.inf
@@ -172,10 +172,10 @@ class Kind:
     """One kind of disturbance.
 
     Attributes:
-        happen: lets it happen.
-        faults: one of which the client has to name if it lasts longer than ``SHORT_S``; none: it need not notice.
-        moving: but only if the arms were moving.
-        plant: of the robot, from its start on, where it is one of those faults.
+        happen: causes the disturbance.
+        faults: the client has to name one of these if it lasts longer than ``SHORT_S``; empty: it need not notice.
+        moving: whether it has to do so only if the arms were moving.
+        plant: fault with which the robot is started; empty: none.
     """
 
     happen: Callable[[Scene], Done]
@@ -185,7 +185,7 @@ class Kind:
 
 
 def happen(kind: Kind, scene: Scene) -> Done:
-    """Let something happen to a task; nothing if the process to which it happens has just ended."""
+    """Disturb a task; report that nothing happened if the process to disturb has just ended."""
     try:
         stopped = scene.client.stopped()
         done = kind.happen(scene)
@@ -207,14 +207,14 @@ def _pause(pid: int, who: str, seconds: float) -> Done:
 
 
 def _seconds(rng: random.Random) -> float:
-    """Return .05 to 3 s, short ones as often as long ones."""
+    """Return .05 to 3 s, uniform in the logarithm."""
     return 0.05 * 60 ** rng.random()
 
 
 def drop_sockets(pid: int) -> int:
-    """Let all sockets of another process for the network hear nothing more; return how many.
+    """Cut off all network sockets of another process; return how many.
 
-    Those of TCP are shut down, which both sides notice; those of UDP lose whatever comes, as on a network that is cut.
+    TCP sockets are shut down, which both sides notice; UDP sockets lose whatever arrives, as on a cut network.
     """
     process, dropped = os.pidfd_open(pid), 0
     call = ctypes.CDLL(None, use_errno=True).syscall

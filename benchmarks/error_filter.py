@@ -1,6 +1,6 @@
-"""An estimator of a gripper's pose that filters the error of its kinematics, and learns its systematic part on the way.
+"""An estimator of a gripper's pose that filters the error of its kinematics and learns the systematic part as it runs.
 
-It needs recorded poses only, no joints; docs/debridement.md explains it, bench_gripper_pose.py how well it does.
+It needs recorded poses only, no joints. docs/debridement.md explains it; bench_gripper_pose.py measures it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class KinematicHistory:
     """Kinematic poses up to now.
 
     Attributes:
-        T_base_first: where they began; gains act on the change since then, to be independent of the constant.
+        T_base_first: the first pose; gains act on the change since then, which separates them from the constant.
         T_base_last: the last pose.
         t_s: its time.
         lag: (6,) translation in m and rotation vector in rad, both in the base frame, from the last pose to one that
@@ -133,8 +133,8 @@ class ErrorEstimate:
     def observed(self, H: NDArray[np.float64], error: NDArray[np.float64], weight: float = 1.0) -> ErrorEstimate:
         """Return the belief after an observation.
 
-        One beyond the gate loses weight with its squared distance: a gross outlier hardly counts, but an error that
-        really jumped is followed eventually, which a hard gate might never do.
+        An observation beyond the gate loses weight with its squared distance: a gross outlier hardly counts, but an
+        error that really jumped is followed eventually, which a hard gate might never allow.
 
         Args:
             H: (3, n).

@@ -1,11 +1,11 @@
-"""Give bad inputs to every command and public constructor, and count what becomes of them.
+"""Give bad inputs to every command and public constructor, and count the outcomes.
 
     python benchmarks/fuzz.py --examples 10000 --jobs 2
 
-Lines are drawn for all commands: options of every type with odd numbers and words, files that are cut, altered,
-swapped or claim to be huge. Long work is not done: an input that would begin it counts as accepted. Each batch runs in
-a process of its own, so that one that never returns is stopped. A line for each thing that may not be goes to stdout,
-its traceback to ``--log``. `tests/fuzz` tries a few of the same.
+Command lines are drawn for all commands: options of every type with odd numbers and words, files that are truncated,
+altered, swapped or claim to be huge. Long work is skipped: an input that would begin it counts as accepted. Each batch
+runs in a process of its own, so that one that hangs can be stopped. Each kind of forbidden outcome is printed once;
+tracebacks go to ``--log``. `tests/fuzz` tries a few of the same inputs.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ from synthetic import synthetic_trial
 
 BATCH = 100
 STUCK_S = 300.0
-"""So long nothing was heard of a batch: it is stuck where no signal reaches it."""
+"""A batch that was silent this long is stuck where no signal reaches it."""
 MEMORY_BYTES = 6 << 30
 CALLS_EVERY = 5
-"""Each batch of this number is one of constructors and functions, the others of lines."""
+"""Of this many batches, one calls constructors and functions, and the others try command lines."""
 
 
 SETTINGS = partial(
@@ -51,7 +51,7 @@ SETTINGS = partial(
 
 
 def lines_batch(number: int, count: int, write: Any, good: Path) -> None:
-    """Judge a batch of lines; write what is tried and its verdict, one JSON a line."""
+    """Judge a batch of command lines; write each input and its verdict, one JSON a line."""
     with tempfile.TemporaryDirectory() as home:
         folder = Path(home) / "a" / "b"
         shutil.copytree(good, folder)
@@ -81,7 +81,7 @@ def calls_batch(number: int, count: int, write: Any) -> None:
 
 
 def forked(kind: str, number: int, count: int, good: Path) -> tuple[int, int]:
-    """Begin a batch in a process of its own; return its number and the end of its pipe."""
+    """Begin a batch in a process of its own; return its process id and the end of its pipe to read."""
     reader, writer = os.pipe()
     child = os.fork()
     if child:
@@ -108,7 +108,7 @@ def forked(kind: str, number: int, count: int, good: Path) -> tuple[int, int]:
 
 
 class Batch:
-    """A batch under way.
+    """A running batch.
 
     Args:
         kind: 'lines' or 'calls'.
@@ -122,31 +122,31 @@ class Batch:
         self.kind, self.number, self.rest, self.tried, self.heard_s = kind, number, b"", {}, time.monotonic()
 
     def read(self) -> list[dict[str, Any]] | None:
-        """Return what was heard since; None at its end."""
+        """Return the messages that have come since; None at the batch's end."""
         data = os.read(self.reader, 1 << 20)
         self.heard_s = time.monotonic()
         *lines, self.rest = (self.rest + data).split(b"\n")
         return [json.loads(line) for line in lines] if data else None
 
     def end(self) -> None:
-        """Stop it, whatever it does."""
+        """Kill the batch's process."""
         os.kill(self.child, signal.SIGKILL)
         os.waitpid(self.child, 0)
         os.close(self.reader)
 
 
 def where(told: str) -> str:
-    """Return the last place in Trocar of a traceback, and its error."""
+    """Return a traceback's last place in Trocar, and its error."""
     places = re.findall(r'File "[^"]*/trocar/([^"]+)", line (\d+)', told)
     errors = re.findall(r"^(\w+(?:\.\w+)*(?:Error|Exception|Warning|Interrupt)\b.*)$", told, re.MULTILINE)
     return f"{':'.join(places[-1]) if places else '?'} {errors[-1][:120] if errors else told[-120:]}"
 
 
 class Tally:
-    """What became of the inputs so far.
+    """Counts of the outcomes so far.
 
     Args:
-        log: file for what may not be, None for none.
+        log: file for forbidden outcomes; None: no file.
     """
 
     def __init__(self, log: Path | None):
@@ -154,7 +154,7 @@ class Tally:
         self._log = log.open("w") if log else None
 
     def note(self, batch: Batch, verdict: dict[str, Any]) -> None:
-        """Count a verdict; print the first of each kind and place that may not be."""
+        """Count a verdict; print the first forbidden one of each kind and place."""
         code = "" if verdict["code"] is None else f" ({verdict['code']})"
         self.counts[batch.kind, f"{verdict['kind']}{code}"] += 1
         if verdict["kind"] not in judge.WRONG:
@@ -169,7 +169,7 @@ class Tally:
             self._log.flush()
 
     def heard(self, batch: Batch, values: dict[str, Any]) -> None:
-        """Take up what a batch says: what it tries, what became of that, or why it broke."""
+        """Handle a message of a batch: an input, its verdict, or why the batch broke."""
         if "tried" in values:
             batch.tried = values
         elif "broke" in values:
@@ -180,7 +180,7 @@ class Tally:
             batch.tried = {}
 
     def ended(self, batch: Batch) -> None:
-        """Take note that a batch is over; one in the middle of an input was stuck there."""
+        """End a batch; if it was in the middle of an input, count a hang."""
         if batch.tried:
             self.note(batch, {"kind": judge.HANG, "code": None, "told": ""})
         batch.end()

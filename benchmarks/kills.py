@@ -1,13 +1,12 @@
-"""Kill runs at random times (SIGKILL), resume them, and compare all their files with those of a run left in peace.
+"""Kill runs at random times (SIGKILL), resume them, and compare all their files with those of an uninterrupted run.
 
     python benchmarks/kills.py --kills 200 --out out/kills
 
-Each round kills a run one to six times, at times drawn over the length of an uninterrupted one, early ones more often
-than late ones since a resumed run has less to do (while cables are
-calibrated, within trials, between them, while the report is drawn), then lets the same command finish. All of its
-files must be, byte for byte, those of the run left in peace; real times of computations alone may differ. No other
-file may be left behind. Runs are forked from a process that has imported everything, so that kills strike work and not
-imports; the runs left in peace are processes of their own.
+Each round kills a run one to six times: while cables are calibrated, within trials, between them, or while the report
+is drawn. Times are drawn over the duration of an uninterrupted run, early ones more often than late ones, since a
+resumed run has less to do. Then the same command finishes. Its files must equal those of the uninterrupted run byte for
+byte, except for real times of computations, and no other file may be left behind. Runs are forked from a process that
+has imported everything, so that kills strike work and not imports; uninterrupted runs are processes of their own.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ RUNS = {
     "suture": "run suture --count 1 --method blind --budget 20 --trials 2 --seed 3",
     "debridement": "run debridement --fragments 1 --budget 6 --trials 2 --seed 3",
 }
-"""Short runs, by name; what becomes of their goals does not matter here."""
+"""Short runs, by name; whether they reach their goals does not matter here."""
 MAX_KILLS_A_ROUND = 6
 OF_REAL_TIME = ("compute_ms", "missed_budgets", "realtime_factor", "wall_s_per_trial")
 """Keys of a summary, and of the tables in it, that depend on the machine's speed."""
@@ -49,21 +48,21 @@ REAL_TIME_ROWS = re.compile(
     rb"\s*<p class=warning>[^<]* of computations took longer.*?</p>"
     rb"|<tr><th scope=row>(?:computations|speed of the simulation)[^<]*</th><td>[^<]*</td></tr>"
 )
-"""What a page says of them."""
+"""The parts of a report's page that state real times."""
 ENDED = (0, 1)
 """Exit codes of a run that came to its end: all goals reached, or some missed."""
 
 
 @dataclass(frozen=True)
 class Peace:
-    """A run left in peace: its files, and how long it took once everything was imported."""
+    """An uninterrupted run: its files, and how long it took once everything was imported."""
 
     files: dict[str, Any]
     seconds: float
 
 
 def contents(folder: Path) -> dict[str, Any]:
-    """Return what a run's files hold, by name; of those that hold real times what does not depend on these."""
+    """Return the contents of a run's files by name, without real times."""
     found: dict[str, Any] = {}
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         name = str(path.relative_to(folder))
@@ -86,7 +85,7 @@ def without_real_times(values: Any) -> Any:
 
 
 def forked(words: list[str], folder: Path) -> int:
-    """Begin a command in a forked process with its own group, and return its number."""
+    """Begin a command in a forked process with its own group, and return its process id."""
     number = os.fork()
     if number == 0:
         os.setpgid(0, 0)
@@ -105,7 +104,7 @@ def forked(words: list[str], folder: Path) -> int:
 
 
 def waited(number: int, seconds: float | None) -> int | None:
-    """Return the exit code of a process; None if it is still there after so many seconds."""
+    """Return the exit code of a process; None if it still runs after ``seconds``."""
     deadline = None if seconds is None else time.monotonic() + seconds
     while deadline is None or time.monotonic() < deadline:
         done, status = os.waitpid(number, os.WNOHANG)
@@ -116,7 +115,7 @@ def waited(number: int, seconds: float | None) -> int | None:
 
 
 def left_in_peace(words: list[str], out: Path) -> Peace:
-    """Run a command twice, in a process of its own and in a forked one, which is timed; return what it writes."""
+    """Run a command uninterrupted, and again in a forked process, which is timed; both must write the same files."""
     shutil.rmtree(out, ignore_errors=True)
     line = [sys.executable, "-m", "trocar", *words, "--out", str(out)]
     code = subprocess.run(line, stdout=subprocess.DEVNULL, check=False).returncode

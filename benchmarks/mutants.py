@@ -1,17 +1,17 @@
-"""Tells which small mistakes the tests would notice: breaks one token at a time and runs the tests of that file.
+"""Find small mistakes that the tests would miss: break one token at a time and run the tests of that file.
 
     make mutants                                              # 30 mutants of what moves, sees and simulates
-    python benchmarks/mutants.py --count 300 --seed 1         # more; the same line goes on where it was stopped
+    python benchmarks/mutants.py --count 300 --seed 1         # more; the same command resumes where it stopped
     python benchmarks/mutants.py --changed                    # of files that are not as in the last commit
     python benchmarks/mutants.py src/trocar/arms/inverse.py   # of a file or a folder
 
 A mutant swaps an operator, a comparison, ``and`` for ``or``, ``min`` for ``max``, ``sin`` for ``cos``, drops a sign or
-a ``not``, or changes a number. It is made in a copy of the tree, where the tests run that mirror the file and those
-that use most of it. It is killed if one of them fails (which passes without it) or takes too long. What survives is
-printed, to be looked at: some mutants change nothing that matters; the others are mistakes that nobody would notice.
+a ``not``, or changes a number. It is made in a copy of the tree, in which the test file that mirrors the mutated file
+runs, and those that use it most. A mutant is killed if a test fails that passes without it, or takes too long. Mutants
+that survive are printed: some change nothing that matters; the others are mistakes that the tests would miss.
 
-Well-kept tools do not fit: mutmut (3.8) draws no sample, and first runs the whole suite to see which tests call what;
-cosmic-ray (8.7) runs one command for all files, in the tree itself; neither knows sine and cosine.
+Existing tools do not fit: mutmut (3.8) draws no sample, and first runs the whole suite to see which tests call what;
+cosmic-ray (8.7) runs one command for all files, in the tree itself; neither swaps sine and cosine.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ ROOT = Path(__file__).parents[1]
 DEFAULT = [f"src/trocar/{name}" for name in ("arms", "motion", "calibration", "perception", "robots", "sim")]
 PARTS = ("src", "tests", "benchmarks", "tools", "examples", "docs")
 PARTS += ("pyproject.toml", "README.md", "Makefile", "mkdocs.yml")
-"""What the tests need of the tree."""
+"""Parts of the tree that the tests need."""
 MORE_TESTS = 2
-"""Files of tests beside the mirror of a file: those that use most of its names."""
+"""Number of test files beside the mirror of a file: those that use its names most."""
 WHOLE_RUNS = ("tests/cli", "tests/eval", "tests/test_examples.py")
-"""Tests of the whole that are not asked unless they mirror a file: they notice much, and take minutes."""
+"""End-to-end tests, which run only if they mirror the file: they notice much, but take minutes."""
 SKIPPED = ast.Import | ast.ImportFrom | ast.Raise | ast.JoinedStr
 PAIRS = ["+ -", "* /", "** *", "// /", "% *", "< <=", "> >=", "== !=", "and or", "+= -=", "*= /=", "True False"]
 PAIRS += ["min max", "minimum maximum", "argmin argmax", "nanmin nanmax", "any all", "sin cos", "arcsin arccos"]
@@ -57,7 +57,7 @@ SWAPS |= {"**": "*", "*": "/", "/": "*", "max": "min", "not": ""}
 
 @dataclass(frozen=True)
 class Mutant:
-    """One token of a file replaced; ``start`` and ``end`` are its bytes, ``digest`` is the file's."""
+    """One token of a file replaced; ``start`` and ``end`` are its byte offsets, ``digest`` is the file's."""
 
     path: str
     digest: str
@@ -72,7 +72,7 @@ class Mutant:
         return source[: self.start] + self.new.encode() + source[self.end :]
 
     def diff(self) -> str:
-        """Return the line before and after, in one."""
+        """Return the line before and after, as one text."""
         source = (ROOT / self.path).read_bytes()
         line = source.splitlines()[self.line - 1].decode().strip()
         broken = self.applied(source).splitlines()[self.line - 1].decode().strip()
@@ -80,7 +80,7 @@ class Mutant:
 
 
 def alive(tree: ast.AST) -> Iterator[ast.AST]:
-    """Walk what decides something: no annotations, decorators, imports, messages or errors."""
+    """Walk the nodes that affect behaviour: no annotations, decorators, imports, messages or errors."""
     for field, value in ast.iter_fields(tree):
         if field in {"annotation", "returns", "decorator_list", "type_params"}:
             continue
@@ -91,7 +91,7 @@ def alive(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def spans_of(node: ast.AST) -> list[tuple[ast.expr | None, ast.expr | None]]:
-    """Return between which parts of a node its own tokens stand; None: its beginning or its end."""
+    """Return pairs of parts between which a node's own tokens stand; None: the node's beginning or end."""
     found: list[tuple[ast.expr | None, ast.expr | None]] = []
     match node:
         case ast.BinOp(left=a, right=b) | ast.AugAssign(target=a, value=b):
@@ -110,12 +110,12 @@ def spans_of(node: ast.AST) -> list[tuple[ast.expr | None, ast.expr | None]]:
 
 
 def digest_of(content: bytes) -> str:
-    """Return what tells one content from another."""
+    """Return a short digest of a file's content."""
     return hashlib.sha256(content).hexdigest()[:12]
 
 
 def number(text: str) -> str:
-    """Return another number: the next whole one, or twice as much."""
+    """Return a different number: the next integer, or twice a float."""
     value = ast.literal_eval(text)
     return str(value + 1) if isinstance(value, int) else repr(2 * value or 1.0)
 
@@ -152,7 +152,7 @@ def mutants_of(path: Path) -> list[Mutant]:
 
 
 def imports_of(path: Path) -> Counter[str]:
-    """Return the modules of ours that a file of tests uses, with how often: by the modules that define its names."""
+    """Return how often a test file uses each module of Trocar, by the module that defines a name."""
     tree, used = ast.parse(path.read_text()), Counter()
     names = Counter(node.id for node in ast.walk(tree) if isinstance(node, ast.Name))
     for node in ast.walk(tree):
@@ -163,7 +163,7 @@ def imports_of(path: Path) -> Counter[str]:
 
 
 def _home(module: str, name: str) -> str:
-    """Return the module that a name comes from: a package passes on what its parts define."""
+    """Return the module that defines a name, which a package may re-export."""
     folder, source = ROOT / "src" / module.replace(".", "/"), ""
     if (folder / f"{name}.py").is_file() or (folder / name).is_dir():
         return f"{module}.{name}"
@@ -176,7 +176,7 @@ def _home(module: str, name: str) -> str:
 
 
 def tests_of(path: str, used: dict[Path, Counter[str]]) -> list[str]:
-    """Return the files of tests for a source file, its mirror first; if nobody imports it, those of its folder."""
+    """Return the test files for a source file, its mirror first; if there are none, those of the nearest folder."""
     inner = Path(path).relative_to("src/trocar").with_suffix("")
     module = ".".join(("trocar", *inner.parts)).removesuffix(".__init__")
     mirror = ROOT / "tests" / inner.parent / f"test_{inner.name}.py"
@@ -189,7 +189,7 @@ def tests_of(path: str, used: dict[Path, Counter[str]]) -> list[str]:
 
 
 def passed(tree: Path, tests: Iterable[str], limit_s: int) -> tuple[bool, str]:
-    """Return whether tests pass in a tree within CPU seconds, and what failed first."""
+    """Return whether tests pass in a tree within ``limit_s`` of CPU time, and what failed first."""
     data = os.environ.get("TROCAR_DATA", ROOT.parent / "shared" / "data")  # beside the tree, not beside its copy
     environment = {**os.environ, "PYTHONPATH": str(tree / "src"), "TROCAR_DATA": str(data)}
     words = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", "--tb=no", *tests]
@@ -214,11 +214,11 @@ def passed(tree: Path, tests: Iterable[str], limit_s: int) -> tuple[bool, str]:
 
 
 def tried(mutant: Mutant, tree: Path, tests: list[str], limit_s: int, sound: dict[str, bool], stamp: int) -> str:
-    """Return what became of a mutant: 'survived', or what killed it. ``sound`` knows which tests pass without it."""
+    """Return 'survived', or what killed the mutant; ``sound`` holds which tests pass without it."""
     file, source = tree / mutant.path, (ROOT / mutant.path).read_bytes()
     try:
         file.write_bytes(mutant.applied(source))
-        os.utime(file, (stamp, stamp))  # else Python may take what it compiled of the mutant before
+        os.utime(file, (stamp, stamp))  # else Python may use the bytecode of the mutant before
         well, failed = passed(tree, tests, limit_s)
     finally:
         file.write_bytes(source)

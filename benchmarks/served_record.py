@@ -1,4 +1,4 @@
-"""Plugin of a served cell: writes down what each of its arms does, as it does it, so that no end can lose it.
+"""Plugin of a served cell that records its arms' set-points at once, so that nothing is lost however the cell ends.
 
     TROCAR_SERVED_RECORD=record.bin trocar crtk serve peg-transfer --plugin benchmarks/served_record.py
 
@@ -22,7 +22,7 @@ WIDTH = 2 + 12 * TICK_SERVOS
 
 
 def write_down(path: Path) -> None:
-    """Let every arm write down its set-points from now on; unbuffered, and whole rows."""
+    """Record the set-points of every arm from now on, unbuffered and in whole rows."""
     file, targets = path.open("ab", buffering=0), SimRobot.targets
 
     def noted(self: SimRobot, name: str, times_s: np.ndarray):
@@ -43,7 +43,7 @@ class Use:
 
 
 class ServedRecord:
-    """What the arms of a served cell did so far; it grows.
+    """The record of a served cell, which may still grow.
 
     Args:
         path: of the file.
@@ -57,7 +57,7 @@ class ServedRecord:
         return self._path.stat().st_size // (8 * WIDTH) if self._path.is_file() else 0
 
     def rows(self, first: int) -> np.ndarray:
-        """Return all whole rows (n, WIDTH) from one on."""
+        """Return all whole rows (n, WIDTH) from row ``first`` on."""
         count = len(self) - first
         if count <= 0:
             return np.zeros((0, WIDTH))
@@ -66,11 +66,11 @@ class ServedRecord:
             return np.frombuffer(file.read(8 * WIDTH * count)).reshape(-1, WIDTH)
 
     def moving(self, first: int) -> bool:
-        """Return whether an arm has moved since a row."""
+        """Return whether an arm has moved since row ``first``."""
         return bool(self.rows(first)[:, 2 + 6 * TICK_SERVOS :].any())
 
     def use(self, first: int) -> Use:
-        """Return what the arms did since a row, from the positions and from the velocities that were set."""
+        """Return the use of the limits since row ``first``, by the positions and by the velocities that were set."""
         rows, shares, at_rest = self.rows(first), np.zeros(2), True
         for number, limits in enumerate(self._limits):
             mine = rows[rows[:, 1] == number, 2:].reshape(-1, 2, TICK_SERVOS, 6)

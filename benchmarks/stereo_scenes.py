@@ -1,4 +1,4 @@
-"""Random scenes under the stereo pair of the station raven-pair, with all that is true of them; for benchmarks."""
+"""Random scenes under the stereo pair of the station raven-pair, with the truth about them; for benchmarks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ assert isinstance(CAMERA.model, StereoRig)
 RIG = CAMERA.model
 T_WORLD_TABLE = STATION.T_world_fixture["table"]
 LAYOUTS = 10
-"""Layouts that one set of fragments and one place of the receptacle are used for."""
+"""Number of layouts for which one set of fragments and one place of the receptacle are used."""
 TIPS_M = {
     "left": ((-0.080, -0.110, -0.152), (0.0, 0.03, -0.09)),
     "right": ((-0.150, -0.110, -0.152), (-0.070, 0.03, -0.09)),
@@ -41,7 +41,7 @@ TILT_RAD, OPEN_RAD = 0.4, 1.2
 
 
 class Awake(DebridementWorld):
-    """The work surface; bodies at rest are computed on, for they are moved by hand."""
+    """The work surface; bodies at rest stay awake, because they are moved directly."""
 
     sleeps = False
 
@@ -103,7 +103,7 @@ def stereo_cameras(world: World, rig: StereoRig = RIG) -> tuple[RayCamera, RayCa
 
 
 def lay_anew(world: World, reach_m: list[float], rng: np.random.Generator) -> None:
-    """Shift and turn all fragments over the region, without one on the other."""
+    """Shift and turn all fragments at random over the region, without overlap."""
     region = np.array(Workspace().region_m)
     placed: list[tuple[NDArray[np.float64], float]] = []
     for name, reach in zip(world.free_bodies, reach_m, strict=True):
@@ -183,6 +183,6 @@ def show(world: World, eyes: tuple[RayCamera, RayCamera], rng: np.random.Generat
 
 
 def _share(lens: Intrinsics, T_world_eye: SE3, corners_m: NDArray, ids: NDArray[np.int32], geom: int) -> float:
-    """Return the share of a convex body's outline, whole even if it leaves the picture, that is seen."""
+    """Return the visible share of a convex body's outline, including what lies outside the picture."""
     outline = project(lens, T_world_eye.inverse().apply(corners_m)).astype(np.float32)
     return float(np.count_nonzero(ids == geom) / cv2.contourArea(cv2.convexHull(outline)))
