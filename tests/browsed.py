@@ -16,10 +16,10 @@ def made_run(folder: Path, failures: Failures | None = None, places: int = 0, **
     """Make a run's folder and return it.
 
     Args:
-        folder: of the run.
-        failures: which goals of a trial failed, by session and trial.
-        places: so many trials exist; 0: all.
-        options: of the run, as ``RunConfig`` has them.
+        folder: the run's folder.
+        failures: failed goals and their failures, by session and trial.
+        places: number of trials to make; 0: all.
+        options: fields of ``RunConfig``.
     """
     run, failed = config(**options), failures or {}
     todo = open_folder(run, folder)
@@ -31,7 +31,7 @@ def made_run(folder: Path, failures: Failures | None = None, places: int = 0, **
 
 
 def made_runs(folder: Path) -> Path:
-    """Make two runs that met the same three sessions, one of another seed, and four that are not whole."""
+    """Make two runs of the same three sessions, one of another seed, and four that are incomplete or damaged."""
     made_run(folder / "day" / "good", {(1, 0): {4: "DROPPED"}}, sessions=3, seed=7)
     bad = {(session, 0): dict.fromkeys(range(3 + session), "NOT_GRASPED") for session in range(3)}
     made_run(folder / "day" / "bad", bad, sessions=3, seed=7, method="uncalibrated")

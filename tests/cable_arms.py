@@ -1,4 +1,4 @@
-"""Arms that consist only of cables, and helpers that move them."""
+"""Arms without physics, whose joints follow through cables, and helpers that move them."""
 
 import numpy as np
 import trio
@@ -23,8 +23,8 @@ class CableArms(PlainArms):
     """Arms whose joints follow the set-points through a cable plant.
 
     Attributes:
-        joints: (6,) true joints of each arm after every set-point.
-        log: of the wrapper.
+        joints: for each arm, its true joints (6,) after every set-point.
+        log: log for a wrapper of the robot.
     """
 
     def __init__(self, names=("a",), slack=(0.0, 0.0, 0.0)):

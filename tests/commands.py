@@ -1,4 +1,4 @@
-"""Fixtures for tests of commands. What computes is imported where it is used: every process of pytest loads this."""
+"""Fixtures for tests of commands. Fixtures import heavy modules themselves: every process of pytest loads this file."""
 
 import gc
 import sys
@@ -34,7 +34,7 @@ def unpictured(monkeypatch):
 
 @pytest.fixture
 def played(monkeypatch, unpictured):
-    """Replace trials by synthetic ones without pictures; return the list of those that were played."""
+    """Replace trials by synthetic ones without pictures; return the list of (session, trial) that were played."""
     from synthetic import prepared, synthetic_trial
 
     done = []
@@ -53,7 +53,7 @@ def played(monkeypatch, unpictured):
 
 @pytest.fixture
 def alive(monkeypatch):
-    """Return the numbers of loaded trials that were still in memory whenever another one was loaded."""
+    """Return a list that receives, at each load of a trial, how many loaded before it are still in memory."""
     from trocar.eval.trial import Trial
 
     read, counts, load = [], [], Trial.load

@@ -8,29 +8,29 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# Each worker of the tests has a core: threads of a linear algebra library beside it wait for one another, and took most
-# of the time. Read by NumPy when it is loaded, so before anything else; processes that tests start inherit it.
+# Each test worker uses one core: more threads of linear algebra only wait for one another, which took most of the time.
+# NumPy reads these variables when it is imported, so they are set first. Processes that tests start inherit them.
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(_threads, "1")
 
-# Processes that tests start compile nothing that another one has compiled: where no bytecode is kept, each of a hundred
-# spends seconds on NumPy, SciPy and Matplotlib. It lies apart, so that no folder changes that a test looks at.
+# Keep bytecode: without it, each of a hundred processes that tests start spends seconds on compiling NumPy, SciPy and
+# Matplotlib. It is in a folder of its own, so that it does not change folders that tests compare.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 if sys.pycache_prefix is None:
     sys.pycache_prefix = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
-# Calibrations of tests are shared by tests, and no test finds those of the user.
+# Tests share a cache of calibrations, apart from the user's.
 os.environ["TROCAR_CACHE"] = os.environ.get("TROCAR_TEST_CACHE") or tempfile.mkdtemp(prefix="trocar-calibrations-")
 os.environ["TROCAR_TEST_CACHE"] = os.environ["TROCAR_CACHE"]  # workers of the tests inherit it
 
-# A shell that starts the tests in the background has them ignore Ctrl-C, and all that they start.
+# A shell that starts the tests in the background makes them, and the processes that they start, ignore Ctrl-C: undo it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# A shared machine pauses where it likes: how long an example takes says nothing. Everybody's run tries the same
-# examples, so that a failure is always news of the code; `--hypothesis-profile explore` tries new ones.
+# No deadline, because a shared machine may pause at any time. Every run tries the same examples, so that a new failure
+# always comes from the code; `--hypothesis-profile explore` tries new ones.
 settings.register_profile("same", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, derandomize=False)
 settings.load_profile("same")
@@ -47,8 +47,8 @@ LONGEST = (
     *("tasks/test_every_task", "cli/test_bad_input", "calibration/test_lstm_training", "motion/test_sqp"),
     "view/test_replay_in_browser",
 )
-"""Files that take longest: first, for at the end one of them would keep one core busy, and the others idle; the two
-that draw in a browser far apart, for each draws with all cores."""
+"""The slowest test files, run first: at the end, one of them would keep one core busy while the others are idle. The
+two that draw in a browser are far apart, because each uses all cores."""
 
 
 def pytest_collection_modifyitems(items):
@@ -58,13 +58,13 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Let nobody look again and again through what was collected and stays: a third of a second each time."""
+    """Exempt the collected tests, which stay anyway, from garbage collections: each would take a third of a second."""
     gc.collect()
     gc.freeze()
 
 
 def recordings_folder() -> Path:
-    """Where the recordings lie: TROCAR_DATA, or shared/data beside the repository."""
+    """Return the folder of the recordings: TROCAR_DATA, or shared/data beside the repository."""
     return Path(os.environ.get("TROCAR_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
@@ -78,7 +78,7 @@ def recordings() -> Path:
 
 @pytest.fixture
 def registries(monkeypatch):
-    """Let a test register what it likes, by plugins too: afterwards everything is as it was."""
+    """Restore all registries after a test, whatever it or its plugins have registered."""
     from trocar.calibration.models import MODELS
     from trocar.eval import METHODS, PERCEPTIONS, TASKS
     from trocar.motion import PLANNERS

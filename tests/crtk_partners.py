@@ -20,14 +20,14 @@ ROOT = Path(__file__).parents[1]
 DOMAIN = 40 + os.getpid() % 150
 """A ROS domain for the tests of this process alone."""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "ROS_DOMAIN_ID": str(DOMAIN)}
-"""Of programs in this Python."""
+"""Environment of programs that run in this Python."""
 ANYBODYS = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT / "tests")])}
-"""Of programs that may run in the Python of ROS 1."""
+"""Environment of programs that may run in the Python of ROS 1."""
 LIMIT_S = 30.0
 
 
 def until(holds: Callable[[], object]) -> None:
-    """Wait until something holds."""
+    """Wait until a condition holds; fail after ``LIMIT_S``."""
     end_s = time.monotonic() + LIMIT_S
     while not holds():
         assert time.monotonic() < end_s, "it does not come to that"
@@ -47,7 +47,7 @@ def python_of(ros: int) -> Path:
 
 @contextmanager
 def process(words: list[str], environment: dict[str, str], **options: Any) -> Iterator[subprocess.Popen[str]]:
-    """Start a process and end it at the end."""
+    """Start a process, and kill it at the end of the block."""
     running = subprocess.Popen(words, env=environment, text=True, **options)
     try:
         yield running
@@ -99,14 +99,14 @@ def environment_of(ros: int, domain: int = 0, master: str = "") -> dict[str, str
 
 @contextmanager
 def served(*words: str, python: Path = Path(sys.executable)) -> Iterator[subprocess.Popen[str]]:
-    """Serve a cell; ``said`` returns what it says at its end."""
+    """Serve a cell in a process; ``said`` interrupts it and returns its summary."""
     command = [str(python), "-m", "trocar", "crtk", "serve", "peg-transfer", "--seed", "3", "--json", *words]
     with process(command, ANYBODYS, stdout=subprocess.PIPE) as running:
         yield running
 
 
 def said(running: subprocess.Popen[str]) -> dict[str, Any]:
-    """End a served cell and return what it says."""
+    """Interrupt a served cell and return the summary that it prints."""
     running.send_signal(2)
     return json.loads(running.communicate(timeout=60)[0])
 
@@ -115,7 +115,7 @@ def said(running: subprocess.Popen[str]) -> dict[str, Any]:
 def controlled(
     dialect: str, start: Iterable[float], *, ros: int = 2, domain: int = DOMAIN, master: str = "-"
 ) -> Iterator[subprocess.Popen[str]]:
-    """Yield the process of a controller whose joints start there; see ``crtk/controllers.py``."""
+    """Yield the process of a controller whose joints start at ``start``; see ``crtk/controllers.py``."""
     python = python_of(1) if ros == 1 else sys.executable
     words = [python, ROOT / "tests/crtk/controllers.py", dialect, ros, domain, master, json.dumps([*start])]
     with process([*map(str, words)], ANYBODYS, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as running:
@@ -128,9 +128,9 @@ PATIENT |= {"following_rad": 0.2, "following_m": 0.02}
 
 
 def patient(station):
-    """Let the loop of a client's station tolerate a busy machine, where another thing is tested.
+    """Make the loop in a client's station file tolerate a busy machine, for tests of other things.
 
-    An arm that is served by a process that is held up passes by its goals for a moment.
+    When the process that serves an arm is held up, the arm passes its goal for a moment.
     """
     loop = ", ".join(f"{name} = {value}" for name, value in PATIENT.items())
     text = station.read_text("utf-8")

@@ -1,4 +1,4 @@
-"""Debridement trials whose perception is given the true poses: as good as a camera, and a hundred times faster."""
+"""Debridement trials whose perception gets the true poses with a camera's noise: a hundred times faster."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ HELD_M = 0.018
 
 
 class Eyes:
-    """Perception that is told, with a camera's noise; a test may change what it sees.
+    """Perception that reports the true poses with a camera's noise; a test may change what it sees.
 
     Attributes:
         lab: the laboratory.
-        hidden: (arm, from, to in s): when marks are hidden.
-        frozen_s: from when on the camera gives the same image.
-        more: fragments that are seen besides.
+        hidden: (arm, start, end) in s: when an arm's marks are hidden.
+        frozen_s: time from which on the camera repeats one image.
+        more: positions (3,) of fragments that it sees in addition.
     """
 
     def __init__(self):
@@ -73,7 +73,7 @@ class Eyes:
 
 
 class Camera:
-    """A camera whose images are worth nothing but their time."""
+    """A camera whose images show nothing but a running number."""
 
     def __init__(self, eyes, model):
         self.eyes, self.model, self.taken = eyes, model, []
@@ -89,16 +89,16 @@ class Camera:
 
 
 def play(monkeypatch, tmp_path, eyes, *, seed=3, method="best", change=None, robot=None, **options):
-    """Return a trial of ``run_trial`` in which a perception is told what is there.
+    """Play a trial by ``run_trial`` with ``eyes`` as its perception, and return it.
 
     Args:
         monkeypatch: pytest's.
         tmp_path: for the session's files.
-        eyes: what sees.
+        eyes: the perception.
         seed: of the run.
         method: of the task.
-        change: function of the scene that returns another one.
-        robot: function of the laboratory, called before it runs, for faults.
+        change: takes the scene and returns the one to play.
+        robot: called with the laboratory before it runs, to plant faults.
         options: of the task.
     """
     task = Debridement(**options)

@@ -1,4 +1,4 @@
-"""Builds the truth that the debridement referee would have seen: one arm, some fragments, step by step."""
+"""Builds the truth that the debridement referee would have recorded: one arm, some fragments, step by step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIRST, SECOND = np.array([-0.05, -0.07, LYING_M]), np.array([-0.09, -0.08, LYING
 
 
 class Story:
-    """One arm, ``left``, with open jaws; what it does is appended tick by tick."""
+    """The record of one arm, ``left``, which starts with open jaws; each method appends ticks or events."""
 
     def __init__(self, *fragments_m, arms=("left",)):
         self.tip, self.jaw_rad = HOME.copy(), 1.2
@@ -92,7 +92,7 @@ class Story:
         places = [list(map(float, place)) for place in places_m]
         return self.note("detected", arm="left", image_s=self.now_s, fragments=places)
 
-    # Whole chapters.
+    # Sequences of steps.
 
     def grasp(self, n, gripping=None, allocate=True):
         if allocate:

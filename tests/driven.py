@@ -1,4 +1,4 @@
-"""Arms that consist only of set-points: what a driver needs around it, without physics."""
+"""Arms without physics, whose encoders read the set-points: the loop that a driver needs around it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ ARM = ARMS["psm-classic"]
 PAPER = MOTION_LIMITS["paper"]
 HOME = np.array([0.85, 0.0, 0.18, -0.3, -0.1, -0.2])
 GOAL = HOME + np.array([0.2, 0.15, -0.03, 0.9, 0.5, -0.6])
-"""A motion there takes about half a second."""
+"""A motion from ``HOME`` to here takes about half a second."""
 SERVO_S = 0.002
 
 
 @asynccontextmanager
 async def running(function, *args):
-    """Run an async function beside the block; the list that the block gets has its result once it has ended."""
+    """Run an async function beside the block; yield a list that receives its result."""
     results = []
 
     async def run():
@@ -34,14 +34,14 @@ async def running(function, *args):
 
 
 class PlainArms:
-    """Arms whose encoders read what they are told; their loop turns while a script runs.
+    """Arms whose encoders read their set-points; their loop runs while a script runs.
 
     Attributes:
-        driver: of the arms.
-        robot: what scripts get; a wrapper may be put there.
-        sent: rows (6,) of each arm's set-points every 2 ms.
-        silent: arms whose readings do not come.
-        each_tick: called after each tick.
+        driver: the driver of the arms.
+        robot: the driver, or the wrapper that a test puts there for scripts.
+        sent: for each arm, its set-points (6,), one every 2 ms.
+        silent: names of arms that give no readings.
+        each_tick: functions called after each tick.
     """
 
     def __init__(self, names=("a",), homes=None, limits=PAPER):
@@ -96,7 +96,7 @@ class PlainArms:
             clock.jump(TICK_S)
 
     def use(self, name, limits=PAPER):
-        """Return the largest shares of the limits of velocity and acceleration in all that was sent."""
+        """Return the largest velocity and acceleration of an arm's set-points, as shares of the limits."""
         q = np.array(self.sent[name])
         v = np.diff(q, axis=0) / SERVO_S
         a = np.diff(v, axis=0, prepend=np.zeros((1, 6))) / SERVO_S

@@ -1,4 +1,4 @@
-"""Real arms as their loop sees them, without hardware: they follow their set-points, or do what a test plants."""
+"""Stand-ins for real arms, as their loop sees them: they follow their set-points, or have a fault."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.motion import rest_to_rest
 
 
 class EchoArm:
-    """An arm whose encoders read what it was sent last; ``log`` is a file for what that was."""
+    """An arm whose encoders read its last set-point; ``log`` is a file to which set-points are appended."""
 
     def __init__(self, log=None):
         self.q, self.jaw, self.log = HOME.copy(), 0.1, log
@@ -39,7 +39,7 @@ class EchoArm:
 
 
 class DelayedJaws(EchoArm):
-    """An arm whose jaws read what they were sent some ticks ago, as over a network."""
+    """An arm whose jaws read their set-point of some ticks ago, as over a network."""
 
     TICKS = 8
 
@@ -57,7 +57,7 @@ def with_delayed_jaws(name):
 
 
 class Stuck(EchoArm):
-    """An arm whose driver does not return any more, some ticks after it was connected."""
+    """An arm that hangs in ``read``, some ticks after it was connected."""
 
     READS = 30
 

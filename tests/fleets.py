@@ -1,4 +1,4 @@
-"""A prior over instruments that is drawn, not learned, and recordings that suit it."""
+"""A prior over instruments that is drawn at random, not learned, and recordings that match it."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ SHAPE = LoopShape(np.array([0.05, 0.08, 0.11]), 0.1, 0.15)
 
 
 def fleet(seed=0, count=4):
-    """Return a prior over some instruments whose loops are drawn."""
+    """Return a prior over instruments whose hysteresis loops are drawn at random."""
     rng = np.random.default_rng(seed)
     fits = [
         LoopFit(
@@ -27,7 +27,7 @@ def fleet(seed=0, count=4):
 
 
 def slack_recording(prior, rows, start, seed=0, noise=0.0):
-    """Return a recording of loops as a prior expects them, from slacks ``start`` (3,) in shares of the radii."""
+    """Return a recording whose loops have a prior's mean weights, from slacks ``start`` (3,), shares of the radii."""
     q, rng = 0.5 * walk(seed, rows), np.random.default_rng(seed)
     banks = SHAPE.banks
     slacks = play_slacks(q, SHAPE.a, SHAPE.b, banks, np.asarray(start)[:, None] * banks)

@@ -1,4 +1,4 @@
-"""Figures that tests look at, and that nobody writes."""
+"""Figures of reports, kept for tests to inspect instead of being written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from trocar.report import style
 
 
 def kept_figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """Return the list to which each figure of a report is added once it is drawn; its file is made, and empty."""
+    """Return a list that receives each figure of a report once it is drawn; the figure's file is created empty."""
     kept: list[Figure] = []
     monkeypatch.setattr(style, "write_figure", lambda path, drawn, **_: kept.append(drawn) or path.touch())
     return kept

@@ -9,7 +9,7 @@ from scipy.signal import savgol_filter
 
 STEP_S = 0.01
 FINE = 20
-"""Steps of the integration of one sample: accelerations change between samples."""
+"""Integration steps per sample: accelerations change between samples."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Known:
 
 
 def sines(samples: int = 1200) -> Known:
-    """Return two sines, of .8 and 2 Hz: they neither start nor end at rest."""
+    """Return the sum of two sines, of .8 and 2 Hz, which neither starts nor ends at rest."""
     t = STEP_S * np.arange(samples)
     found = [np.zeros(samples) for _ in range(3)]
     for size, hz, phase in ((0.5, 0.8, 0.0), (0.2, 2.0, 1.0)):
@@ -34,7 +34,7 @@ def sines(samples: int = 1200) -> Known:
 
 
 def bang_bang(samples: int = 1200, seed: int = 3, largest: float = 25.0) -> Known:
-    """Return motions from rest to rest at the largest acceleration, with pauses and stretches of even speed."""
+    """Return motions from rest to rest at the largest acceleration, with pauses and stretches of constant speed."""
     rng = np.random.default_rng(seed)
     a = np.zeros(samples * FINE)
     at = 20 * FINE
@@ -62,5 +62,5 @@ def rms(error: np.ndarray) -> float:
 
 
 def savitzky_golay(signal: np.ndarray, samples: int = 21) -> Known:
-    """Return what cubics through a sliding window give (Savitzky and Golay 1964), at 100 Hz."""
+    """Return the motion by cubics fitted in a sliding window (Savitzky and Golay 1964), at 100 Hz."""
     return Known(*(savgol_filter(signal, samples, 3, deriv=order, delta=STEP_S) for order in range(3)))

@@ -23,7 +23,7 @@ PSM = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 
 
 def header(at_s: float | None, frame: str = ""):
-    """A header of so many seconds after the bag's beginning; None: not valid."""
+    """Return a maker of a Header stamped ``at_s`` after the bag's beginning; None: a stamp of 0, not valid."""
 
     def made(store):
         time = store.types["builtin_interfaces/msg/Time"]
@@ -35,20 +35,20 @@ def header(at_s: float | None, frame: str = ""):
 
 
 def joints(at_s, position, names=PSM):
-    """A JointState, which becomes a message of either ROS."""
+    """Return type and fields of a JointState, for ``message`` of either ROS."""
     nothing = np.zeros(0)
     values = {"position": np.array(position, dtype=float), "velocity": nothing, "effort": nothing}
     return "sensor_msgs/msg/JointState", {"header": header(at_s), "name": list(names), **values}
 
 
 def compressed(at_s, content, kind="jpeg"):
-    """A CompressedImage."""
+    """Return type and fields of a CompressedImage."""
     data = np.frombuffer(content, np.uint8)
     return "sensor_msgs/msg/CompressedImage", {"header": header(at_s, "eye"), "format": kind, "data": data}
 
 
 def raw(at_s, pixels, encoding, *, padding=0, big=False):
-    """An Image of pixels (h, w) or (h, w, channels), its rows with some bytes of padding."""
+    """Return type and fields of an Image of pixels (h, w) or (h, w, channels), its rows padded by some bytes."""
     pixels = np.asarray(pixels)
     data = pixels.astype(pixels.dtype.newbyteorder(">" if big else "<")).tobytes()
     rows = np.frombuffer(data, np.uint8).reshape(len(pixels), -1)
@@ -59,7 +59,7 @@ def raw(at_s, pixels, encoding, *, padding=0, big=False):
 
 
 def camera_info(at_s, size, k, d, model="plumb_bob", *, p=(0.0,) * 12, binning=(0, 0), roi=(0, 0, 0, 0)):
-    """A CameraInfo, whose matrices are in capitals in ROS 1; ``roi`` is x, y, width and height."""
+    """Return type and fields of a CameraInfo; ``roi`` is x, y, width and height."""
 
     def region(store):
         x, y, width, height = roi
@@ -72,14 +72,14 @@ def camera_info(at_s, size, k, d, model="plumb_bob", *, p=(0.0,) * 12, binning=(
 
 
 def packed(image, kind):
-    """The bytes of a file of pixels."""
+    """Return an image as the bytes of a file of this kind."""
     file = BytesIO()
     Image.fromarray(image).save(file, kind)
     return file.getvalue()
 
 
 def message(store, kind, fields):
-    """The bytes of a message."""
+    """Return the bytes of a message; in ROS 1, the matrices of a CameraInfo have capital names."""
     capital = store is ROS1 and kind.endswith("CameraInfo")
     values = {
         (key.upper() if capital and len(key) == 1 else key): value(store) if callable(value) else value
@@ -92,9 +92,9 @@ def message(store, kind, fields):
 def write_bag(
     folder: Path, form: str, topics: dict[str, list[tuple[str, dict[str, Any]]]], silent: Sequence[str] = ()
 ) -> Path:
-    """Write a bag whose messages were recorded every 10 ms, topic by topic, and return what a user names.
+    """Write a bag, each topic's messages 10 ms apart, and return the path that a user would give.
 
-    ``silent`` are topics with joints of which nothing was recorded.
+    ``silent`` are topics of joints without any message.
     """
     store = ROS1 if form == "ros1" else ROS2
     path = folder / ("bag.bag" if form == "ros1" else f"bag_{form}")

@@ -18,14 +18,14 @@ TAKEN_S = (0.5, 1.5)
 
 
 def picture(colour: tuple[int, int, int], width: int = 64) -> bytes:
-    """Return a picture of one colour as a file."""
+    """Return a picture of one colour as the bytes of a file."""
     file = BytesIO()
     Image.fromarray(np.full((48, width, 3), colour, np.uint8)).save(file, "webp", lossless=True)
     return file.getvalue()
 
 
 def short(index: int = 0, *, success: bool = True, images: bool = True, session: int = 0, width: int = 64) -> Trial:
-    """Return the first three seconds of a trial, in which one goal ended; commands differ from what was asked for."""
+    """Return the first 3 s of a trial, in which one goal ends; commanded joints differ from desired ones."""
     trial = synthetic_trial(RUN, index, {} if success else {0: "DROPPED"}, session=session)
     arrays = {k: v[:TICKS] if len(v) > TICKS else v for k, v in trial.arrays.items()}
     arrays["commanded_psm1"] = arrays["commanded_psm1"] + np.float32(0.003)

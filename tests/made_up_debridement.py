@@ -1,4 +1,4 @@
-"""Made-up debridement trials: fragments with known outcomes, 10 s of each arm's time accounted for."""
+"""Made-up debridement trials: fragments with known outcomes, each of which takes 10 s of an arm's time."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from trocar.tasks.debridement.task import Debridement
 
 TICK_S = 0.01
 PARTS_S = {"capture": 0.2, "perception": 1.0, "planning": 2.0, "motion": 5.0, "jaw": 0.5, "settling": 0.3}
-"""Of each fragment; the last second, waiting or nothing, makes 10 s of one arm."""
+"""Time of each fragment by part; one more second, waiting or unaccounted for, makes 10 s of one arm."""
 FRAGMENT_S = 10.0
 
 
 def score(number: int, start_s: float, *, failure: str = "", attempts: int = 1, **modes: int) -> dict:
-    """Return the score of a fragment that was cleared unless it failed."""
+    """Return the score of a fragment, which was cleared unless ``failure`` names a failure."""
     return {
         "attempted": True,
         "succeeded": not failure,
@@ -43,7 +43,7 @@ def score(number: int, start_s: float, *, failure: str = "", attempts: int = 1, 
 
 
 def made_up(config: RunConfig | None = None, session: int = 0, scores: list[dict] | None = None) -> Trial:
-    """Return a trial: each arm takes every so manyth fragment, 10 s each, of which the last one is waiting."""
+    """Return a trial in which the arms take the fragments in turn, 10 s each."""
     config = config or RunConfig(Debridement(), seed=2)
     assert isinstance(config.task, Debridement)
     arms, count = config.arms, config.task.fragments
@@ -115,7 +115,7 @@ def _scenery(config: RunConfig) -> Scenery:
 
 
 def saved(folder: Path, sessions: int = 3, **more: object) -> list[Condition]:
-    """Return the cells of a study whose trials are there: with two arms one of six grasps is a multiple one."""
+    """Save the trials of a study and return its conditions; with two arms, each trial has one multiple grasp."""
     cells = conditions_of(Debridement, folder, methods="paper", sessions=sessions, seed=2, **more)  # type: ignore[arg-type]
     opened(cells)
     for cell in cells:

@@ -9,7 +9,7 @@ from trocar.tasks.suture.planning import DexterityMap, Reward, SutureJoints, Sut
 
 
 def made_up_map(values, feasible=None, feasible_first=True):
-    """Return a map with these values (2, n); where not feasible (2, n) the insertion is beyond its range."""
+    """Return a map with these values (2, n); where ``feasible`` (2, n) is false, the insertion exceeds its range."""
     values = np.asarray(values, dtype=float)
     n = values.shape[1]
     q = np.broadcast_to(PSM_CLASSIC.middle, (2, n, 1, 6)).copy()

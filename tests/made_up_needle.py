@@ -1,4 +1,4 @@
-"""A needle in made-up depth images: a wire over a coloured floor, under a camera that scatters."""
+"""A needle in made-up depth images: a wire over a coloured floor, under a camera with depth noise."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from trocar.tasks.suture.needle import Needle
 ARC = Needle(8.3e-3, np.radians(225.0), 0.9e-3)
 LENS = Intrinsics(140, 140, 1382.7, 1383.0, 69.5, 69.5)
 HALF_LENS = LENS.binned(2)
-"""In whose images the wire is two pixels wide, as in the cell."""
+"""A lens in whose images the wire is two pixels wide, as in the cell."""
 T_CAMERA_FLOOR = SE3.from_parts(SO3.axis("x", np.pi - 0.5), [0.0, 0.0, 0.36])
 FLOOR_RGB, STEEL_RGB = (220, 163, 140), (190, 195, 204)
 REACH_M = ARC.radius_m + ARC.wire_m
@@ -18,18 +18,18 @@ REACH_M = ARC.radius_m + ARC.wire_m
 
 
 def over_floor(rng):
-    """Return a needle some way over the floor, in the camera's frame."""
+    """Return the random pose of a needle over the floor, in the camera's frame."""
     turn = SO3.axis("z", rng.uniform(-1.0, 1.0)) @ SO3.axis("x", np.pi / 2) @ SO3.axis("z", rng.uniform(-0.5, 0.5))
     return T_CAMERA_FLOOR @ SE3.from_parts(turn, [0.0, 0.0, 0.014])
 
 
 def first_met(T_camera_needle, rays):
-    """Return how deep (n,) rays (n, 3) meet the wire first, and which (n,) of them do."""
+    """Return the depths (n,) at which rays (n, 3) first meet the wire, and which (n,) of them meet it."""
     centre, length = T_camera_needle.translation_m, np.linalg.norm(rays, axis=1)
     depth, met = np.full(len(rays), centre[2] - 2.0 * REACH_M), np.zeros(len(rays), dtype=bool)
     T_needle = T_camera_needle.inverse()
     on = np.flatnonzero(np.linalg.norm(np.cross(rays, centre), axis=1) / length < REACH_M)
-    for _ in range(200):  # forward by the distance to the wire
+    for _ in range(200):  # sphere tracing: advance by the distance to the wire
         ahead = ARC.distance_m(T_needle.apply(rays[on] * depth[on, None]))
         met[on] = ahead < 1e-6
         depth[on] += ahead / length[on]

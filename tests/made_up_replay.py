@@ -1,4 +1,4 @@
-"""A replay made without a simulator: two PSMs over a pegboard each carry a block, touch a peg, and hand over.
+"""A replay made without a simulator: two PSMs over a pegboard each carry a block to and fro and touch a peg.
 
 Instruments are built from ``Instrument``, their links are where ``frames`` puts them, and jaws hold what they carry.
 """
@@ -29,11 +29,11 @@ CYCLE_S = 6.0  # there and back
 PEGS_M = [(x, y) for x in (-0.0405, -0.0116, 0.0116, 0.0405) for y in (-0.0175, 0.0, 0.0175)]
 PEG_RADIUS_M, PEG_HEIGHT_M = 1.75e-3, 20e-3
 PLATES_M = ((0.100, 0.064, 0.0), (0.122, 0.083, -0.004), (0.152, 0.105, -0.009))  # width, depth, top
-BLOCK_HEIGHT_M, BLOCK_SIDES_M = 15e-3, (4.4e-3, 9.5e-3)  # of its hole and its outline, middle to corner
+BLOCK_HEIGHT_M, BLOCK_SIDES_M = 15e-3, (4.4e-3, 9.5e-3)  # hole and outline: centre to corner
 
 
 def made_up_replay(duration_s: float = 12.0, arms: Sequence[str] = ("psm1", "psm2"), blocks: int = 6) -> Replay:
-    """Return a replay of so many seconds; each arm carries its first block to and fro, the others lie still.
+    """Return a replay in which each arm carries one block to and fro, and the other blocks lie still.
 
     Each time to and fro is a goal; every second one is missed.
     """
@@ -101,7 +101,7 @@ def _driven(times: NDArray, arm: str, T_world_base: SE3) -> tuple[NDArray, NDArr
 
 
 def _carried(T_world_tip: SE3, jaw: NDArray) -> SE3:
-    """Return where a block is that hangs in closed jaws, and lies where it was let go."""
+    """Return the poses of a block that hangs in closed jaws, and stays where it was released."""
     held = jaw < 0.5 * (OPEN_RAD + CLOSED_RAD)
     last_held = np.maximum.accumulate(np.where(held, np.arange(len(jaw)), 0))
     grip = SE3.from_parts(None, [0.0, 0.007, 0.004 - BLOCK_HEIGHT_M])
@@ -175,14 +175,14 @@ def _joints(q: NDArray, jaw: NDArray, desired: NDArray) -> dict[str, NDArray]:
 
 
 def _spans(arm: str, duration_s: float) -> list[tuple[str, str, float, float]]:
-    """Return what the script did, second by second."""
+    """Return the script's time, second by second, as (arm, name, start, end)."""
     names = ("capture", "perceive", "plan", "move", "grasp", "move")
     ends = np.arange(0.0, duration_s + 1e-9, 1.0)
     return [(arm, names[k % len(names)], a, b) for k, (a, b) in enumerate(pairwise(ends))]
 
 
 def _contacts(duration_s: float, arms: Sequence[str]) -> tuple[Contact, ...]:
-    """Return a touch of each arm a cycle, and one that two arms share."""
+    """Return one touch of a peg by each arm per cycle."""
     touches = [
         Contact(t, t + 0.3, (f"{arm} left finger", "peg 7"), (0.03 * SIDE[arm], 0.01, 0.02), 1.5)
         for arm in arms

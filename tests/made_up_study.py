@@ -14,7 +14,7 @@ from trocar.tasks.peg_transfer.task import PegTransfer
 
 
 def saved(folder: Path, sessions: int = 3, trials: int = 1, failures: int = 6) -> list[Condition]:
-    """Return the conditions of a study of one variant; of each uncalibrated trial so many transfers have failed."""
+    """Save a study of one variant, return its conditions; each uncalibrated trial has ``failures`` failed transfers."""
     cells = conditions_of(
         PegTransfer,
         folder,

@@ -7,7 +7,7 @@ from trocar.crtk.messages import ros_name
 
 
 class MemoryBus:
-    """Publishers and subscribers of all that share ``wire``; ``node`` is this participant's name."""
+    """The bus of one participant, ``node``; it hears everybody who shares its ``wire``."""
 
     def __init__(self, wire=None, node="/robot", address="127.0.0.1"):
         self.wire = Wire() if wire is None else wire

@@ -7,19 +7,18 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 RAW = re.compile(r"[{\[]\s*['\"]|\b(None|nan|NaN|null|True|False)\b|\d\.\d{5,}|\de-\d\d")
-"""Values as programs print them: JSON, Python's words, numbers that nobody rounded."""
+"""Values as programs print them: JSON, Python's words, numbers that were not rounded."""
 
 
 class Page(HTMLParser):
-    """A page that was read.
+    """A parsed page.
 
     Attributes:
-        text: all that is shown.
+        text: all text that is shown.
         images: attributes of each picture.
         headings: (level, text) of each.
-        ids: of its parts.
-        links: that it has, and whatever else it would ask for.
-        cells: of all tables.
+        ids: of its elements.
+        links: targets of its links, and addresses of whatever else it loads.
     """
 
     def __init__(self, path: Path) -> None:
@@ -59,7 +58,7 @@ class Page(HTMLParser):
 
 
 def assert_fit_to_show(path: Path) -> Page:
-    """Return a page if it is one to hand to others: no raw values, pictures with words, nothing from a network."""
+    """Assert that a page can be shown: no raw values, pictures with descriptions, nothing from a network; return it."""
     page = Page(path)
     assert not RAW.search(page.text), RAW.search(page.text)
     for image in page.images:

@@ -50,7 +50,7 @@ def picture(lens: Intrinsics, T_lens_board: SE3, board: Checkerboard = BOARD, li
 
 
 def _around(lens: Intrinsics, T_lens_board: SE3, board: Checkerboard):
-    """Return the rows and columns in which the board and its rim are: the rest is background."""
+    """Return the rows and columns that contain the board and its rim; the rest is background."""
     half = 0.55 * np.array(board.size_m) + board.square_m
     rim = np.stack(np.meshgrid(*np.linspace(-half, half, 9).T, [0.0]), -1).reshape(-1, 3)
     (u0, v0), (u1, v1) = (f(project(lens, T_lens_board.apply(rim)), axis=0).astype(int) for f in (np.min, np.max))
@@ -59,21 +59,21 @@ def _around(lens: Intrinsics, T_lens_board: SE3, board: Checkerboard):
 
 @lru_cache(maxsize=4)
 def _rays(lens: Intrinsics):
-    """Return the direction (h, w, 3) of each pixel; OpenCV does it, not what is tested."""
+    """Return the direction (h, w, 3) of each pixel, by OpenCV rather than by the code under test."""
     pixels = np.stack(np.meshgrid(np.arange(lens.width), np.arange(lens.height)), -1).astype(np.float64)
     flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), lens.matrix, np.array(lens.distortion))
     return np.concatenate([flat[:, 0], np.ones((len(flat), 1))], -1).reshape(lens.height, lens.width, 3)
 
 
 def corners(T_left_board: SE3, board: Checkerboard = BOARD):
-    """Return where the corners are in the left and the right eye of ``RIG``."""
+    """Return the pixels of the board's corners in the left and the right eye of ``RIG``."""
     p_left = T_left_board.apply(board.corners_m)
     p_right = RIG.T_left_right.inverse().apply(p_left)
     return project(RIG.left, p_left), project(RIG.right, p_right)
 
 
 def poses(count: int, seed: int = 0) -> list[SE3]:
-    """Return poses before the left eye, so that both eyes see the whole board."""
+    """Return random poses of the board, in the left eye's frame, at which both eyes see all of it."""
     rng, found = np.random.default_rng(seed), []
     while len(found) < count:
         place = (0.0235 + rng.uniform(-0.03, 0.03), rng.uniform(-0.03, 0.03), rng.uniform(0.2, 0.3))

@@ -1,4 +1,4 @@
-"""Plants as play models, recordings of plants, and where their motions go."""
+"""Plants as play models, recordings of plants, and joints between which they move."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def recorded(plant, rng, rows=1355, name="recording"):
 
 
 def plant_model(plant):
-    """Return the play model whose joints are those of a plant: one operator a joint, and no bumps."""
+    """Return the play model that equals a plant: one play operator per joint, and no bumps."""
     linear = np.column_stack([plant.K, plant.C])
     flat = PlayMap(linear, np.arange(3), np.zeros(3), np.ones(3), np.zeros((0, 3)), np.zeros((3, 0)))
     offset = np.concatenate([np.zeros(3), plant.offset])

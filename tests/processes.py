@@ -1,6 +1,6 @@
-"""Python in a process of its own, forked from one that has loaded what a run needs: over a second less for each.
+"""Run Python in a process forked from one that has loaded what a run needs, which saves over a second each.
 
-What is loaded by a process, or how it is started and stopped, is not for this: those take ``subprocess``.
+Tests of what a process loads, or of how it starts and stops, use ``subprocess`` instead.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LOADED += (
     "scipy.optimize",
 )
 LOADED += ("scipy.interpolate", "matplotlib.backends.backend_agg")
-"""Modules; what is missing here is loaded by each process."""
+"""Modules that are loaded beforehand; each process loads any others itself."""
 LIMIT_S = 600
 
 
@@ -33,7 +33,7 @@ def python(words: Iterable[object], folder: Path) -> CompletedProcess[str]:
     """Run a script, or ``-c`` and code, with its arguments in a folder.
 
     Returns:
-        Its exit code, and what it said on stdout and stderr.
+        Exit code, stdout and stderr.
     """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([*LOADED])
@@ -49,7 +49,7 @@ def python(words: Iterable[object], folder: Path) -> CompletedProcess[str]:
 
 
 def _run(words: list[str], folder: str, said: str, environment: dict[str, str]) -> None:
-    """Be that process."""
+    """Run the script or code; called in the forked process."""
     for name in ("stdout", "stderr"):
         with Path(said, name).open("w") as file:
             os.dup2(file.fileno(), getattr(sys, f"__{name}__").fileno())

@@ -18,18 +18,18 @@ KEPT_M = 1e-3
 
 
 def down(tip_m, turn_rad=0.0, lean=(0.0, 0.0, 0.0)):
-    """A gripper that points down, its jaws' axis along y unless turned."""
+    """Return the pose of a gripper that points down, its jaws' axis along y unless turned."""
     return SE3.from_parts(SO3.exp(np.asarray(lean)) @ SO3.axis("z", turn_rad), tip_m)
 
 
 def joints(name, T_world_tip):
-    """Joints (6,) of an arm at a pose in the world."""
+    """Return the joints (6,) of an arm at a pose in the world."""
     arm = STATION.arms[name]
     return ik(arm.model, arm.T_world_base.inverse() @ T_world_tip)
 
 
 def random_waypoints(rng, jaw_rad=1.2):
-    """Start and end (2 arms, 2, 6) of which each keeps its distances."""
+    """Return start and end (2 arms, 2, 6), at each of which the arms keep their distances."""
     ends = []
     while len(ends) < 2:
         lean = rng.uniform(-0.4, 0.4, 3) * [1, 1, 0]
@@ -49,7 +49,7 @@ def random_waypoints(rng, jaw_rad=1.2):
 
 
 def asked(waypoints, jaws=(0.5, 0.5), *, max_rad=None, max_tip_m_s=np.inf, obstacles=None, **more):
-    """The problem of both arms through waypoints (2 arms, n, 6)."""
+    """Return the problem of moving both arms through waypoints (2 arms, n, 6)."""
     facing = None if max_rad is None else Facing([0.0, 1.0, 0.0], CAMERA_M, max_rad)
     arms = {
         name: ArmMotion(
@@ -68,13 +68,13 @@ def asked(waypoints, jaws=(0.5, 0.5), *, max_rad=None, max_tip_m_s=np.inf, obsta
 
 
 def swapping(y_m=0.0, depth_m=-0.13):
-    """Two tips that trade places: the straight line in joint space leads one arm through the other."""
+    """Return waypoints of tips that trade places: straight lines in joint space lead one arm through the other."""
     ends = [[-0.095, y_m, depth_m], [-0.055, -y_m, depth_m]]
     return np.array([[joints("left", down(p)) for p in ends], [joints("right", down(p)) for p in ends[::-1]]])
 
 
 def least_m(problem, motions, seconds, count=1501):
-    """The least distance of motions by name at so many samples."""
+    """Return the least distance along motions, given by arm, at ``count`` samples."""
     times = np.linspace(0.0, seconds, count)
     q = np.concatenate([motions[name](times) for name in problem.arms], axis=1)
     return Scene.of(problem).distances(q, times).distance_m.min()

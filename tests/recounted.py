@@ -1,4 +1,4 @@
-"""Arms whose joints are counted from elsewhere: they are the same arms, only the numbers of their joints differ."""
+"""Arms with shifted joint zeros: the same arms, but with other joint values."""
 
 from dataclasses import replace
 
@@ -7,11 +7,11 @@ import numpy as np
 from trocar.arms import ArmModel
 
 SHIFT = np.array([0.3, -0.2, 0.01, 0.4, 0.5, -0.6])
-"""Rad, and m of the insertion: no two alike."""
+"""Shift of each joint's zero, rad and m; no two are alike."""
 
 
 def recounted(arm: ArmModel, shift=SHIFT) -> ArmModel:
-    """Return an arm with every joint's zero moved by so much: ``q - shift`` of it is ``q`` of the other."""
+    """Return the arm with every joint's zero shifted: its ``q - shift`` is ``q`` of the given arm."""
     joints = tuple(
         replace(joint, lower=joint.lower - by, upper=joint.upper - by)
         for joint, by in zip(arm.joints, shift, strict=True)

@@ -35,12 +35,12 @@ JAW_CLOSED_RAD = Settings().jaw_closed_rad
 
 
 def mild(name: str) -> Station:
-    """Return a station that is easier than recordings show, for tests of what it is not about."""
+    """Return a station at the easy difficulty ``mild``, for tests of other things than errors."""
     return replace(load_station(name), difficulty=Difficulty.of("mild"))
 
 
 def coarse(station: Station) -> Station:
-    """Return a station whose cameras combine 2 x 2 pixels more, for tests of what looks, not of what it sees."""
+    """Return a station whose cameras combine 2 x 2 pixels: faster, for tests that do not measure perception."""
     cameras = {name: replace(camera, model=_binned(camera.model)) for name, camera in station.cameras.items()}
     return replace(station, cameras=cameras)
 
@@ -57,7 +57,7 @@ T_WORLD_BASE = {name: arm.T_world_base for name, arm in STATION.arms.items()}
 
 
 def stiff(station: Station | str = STATION, limits: MotionLimits | None = None) -> Station:
-    """Return a station whose joints follow their encoders; with other limits if some are given."""
+    """Return a station whose joints follow their encoders; ``limits`` replaces those of its arms."""
     station = station if isinstance(station, Station) else mild(station)
     changes = {"limits": limits} if limits is not None else {}
     arms = {
@@ -68,7 +68,7 @@ def stiff(station: Station | str = STATION, limits: MotionLimits | None = None) 
 
 
 def ideal_session(station: Station | str = STATION, limits: MotionLimits | None = None) -> Session:
-    """Return a day on which joints follow their encoders and registration is exact."""
+    """Return a session in which joints follow their encoders and registration is exact."""
     station = stiff(station, limits)
     bases = {name: arm.T_world_base for name, arm in station.arms.items()}
     cameras = {name: camera.T_world_camera for name, camera in station.cameras.items()}
@@ -78,7 +78,7 @@ def ideal_session(station: Station | str = STATION, limits: MotionLimits | None 
 
 
 def standing(peg: int, offset_m=(0.0, 0.0), yaw_rad: float = 0.0, height_m: float = 0.0) -> SE3:
-    """Return ``T_board_block`` of a block upright round a peg, its lower face at this height."""
+    """Return ``T_board_block`` of an upright block round a peg, its lower face at ``height_m``."""
     place = Pegboard().pegs_m[peg] + [*offset_m, Block().height_m + height_m]
     return SE3.from_parts(SO3.axis("x", np.pi) @ SO3.axis("z", yaw_rad), place)
 
@@ -91,7 +91,7 @@ def scene_of(*T_board_blocks: SE3) -> PegScene:
 def ideal_laboratory(
     *T_board_blocks: SE3, station: Station = STATION, limits: MotionLimits | None = None, **kwargs
 ) -> SimLaboratory:
-    """Return the two arms of an ideal day over a board with these blocks; its cameras have no flaws."""
+    """Return an ideal session's two arms over a board with these blocks; the cameras have no flaws."""
     world = PegWorld(scene_of(*T_board_blocks))
     return SimLaboratory(
         ideal_session(station, limits), world, np.random.default_rng(0), flaws=SensorFlaws.none(), **kwargs
@@ -104,7 +104,7 @@ def world_with_arms(*T_board_blocks: SE3, surface: Surface | None = None) -> Wor
 
 
 def joints_at(arm: str, p_world_tip_m, yaw_rad: float = 0.0) -> NDArray[np.float64]:
-    """Return the joints (6,) that hold this arm's tip there, the tool vertical."""
+    """Return the joints (6,) that put this arm's tip at a point of the world, the tool vertical."""
     T_world_tip = SE3.from_parts(SO3.axis("z", yaw_rad), p_world_tip_m)
     return ik(ARM_MODELS[arm], T_WORLD_BASE[arm].inverse() @ T_world_tip)
 
@@ -125,7 +125,7 @@ class Hand:
 
     @property
     def q(self) -> NDArray[np.float64]:
-        """Return the joints that the arm is told."""
+        """Return the arm's set-point (6,)."""
         return self.robot.setpoint(self.arm).q
 
     def T_tip_block(self, block: int) -> SE3:
@@ -157,7 +157,7 @@ class Hand:
 
 
 def trial_of(laboratory: SimLaboratory, **about: object) -> Trial:
-    """Return what a laboratory did as a trial that no task has scored."""
+    """Return what happened in a laboratory, as a trial without scores."""
     record, station = laboratory.record(), laboratory.session.station
     images, cameras = encoded(laboratory.cameras)
     words = {"task": "none", "variant": "", "method": "by hand", "goal_noun": "goal", "planner": "", "model": None}

@@ -19,15 +19,15 @@ from trocar.tasks.peg_transfer.task import PegTransfer
 
 TRANSFER_S = 5.0
 PARTS_S = {"capture": 0.2, "perception": 0.1, "planning": 0.2, "motion": 3.0, "jaw": 0.5, "settling": 0.25}
-"""Of each transfer; .75 s are left to nothing in particular."""
+"""Time of each transfer by part; .75 s are not accounted for."""
 STEPS = ("capture", "perception", "planning", "motion", "settling", "jaw", "motion", "jaw")
-"""Of a transfer: to the block, the jaws close, with it, they open."""
+"""Steps of a transfer: look, move to the block, close the jaws, carry it, open the jaws."""
 TICK_S = 0.01
 GOALS = PegTransfer().goals()
 
 
 def prepared(run: RunConfig, number: int, folder: Path, **_: object) -> Any:
-    """Stand in for ``trocar.eval.prepare.prepare``: a session's folder, and nothing in it."""
+    """Stand in for ``trocar.eval.prepare.prepare``: make a session's folder and leave it empty."""
     from trocar.eval.prepare import Prepared  # the simulator is heavy
 
     (folder / f"session_{number:02d}").mkdir(exist_ok=True)
@@ -35,14 +35,14 @@ def prepared(run: RunConfig, number: int, folder: Path, **_: object) -> Any:
 
 
 def config(**options: object) -> RunConfig:
-    """Return a run of peg transfers; options as ``RunConfig`` has them. If it is calibrated, then without images."""
+    """Return a run of peg transfers with these fields of ``RunConfig``; calibration, if any, takes no images."""
     task = PegTransfer()
     quick = {"calibration": "joints"} if pick_method(PegTransfer, str(options.get("method", ""))).calibrated else {}
     return RunConfig(task, **{"difficulty": "mild", **quick, **options})  # type: ignore[arg-type]
 
 
 def unmarked(path: Path) -> dict[str, Any]:
-    """Return what a JSON file of Trocar's says besides who made it."""
+    """Return the content of a JSON file that Trocar wrote, without ``made_by``."""
     values = json.loads(path.read_text())
     assert values.pop("made_by").startswith("made by Trocar: ")
     return values
@@ -51,7 +51,7 @@ def unmarked(path: Path) -> dict[str, Any]:
 def synthetic_trial(
     run: RunConfig | None = None, index: int = 0, failures: dict[int, str] | None = None, session: int = 0
 ) -> Trial:
-    """Return a trial of twelve transfers of 5 s, of which those in ``failures`` ended as named there."""
+    """Return a trial of twelve transfers of 5 s; ``failures`` names the failure of each that failed."""
     run, failures = run or config(), failures or {}
     scores, spans, computations, events = [], [], [], []
     for number, (source, target) in enumerate(GOALS):
@@ -104,7 +104,7 @@ def synthetic_trial(
 
 
 def _arrays(run: RunConfig, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return joints that wave a little round where the arms rest, and a block that is carried along."""
+    """Return joints that oscillate a little about the park position, and a block that moves along."""
     times_s = TICK_S * np.arange(round(len(GOALS) * TRANSFER_S / TICK_S) + 1)
     wave = 0.05 * np.sin(np.outer(times_s, rng.uniform(0.5, 2.0, 7)) + rng.uniform(0.0, 6.0, 7))
     arrays = {}

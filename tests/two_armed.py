@@ -1,4 +1,4 @@
-"""Arms of an ideal cell play transfers, with devices that fail where a test wants them to."""
+"""Transfers in an ideal cell, with devices that fail where a test wants them to."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SETTINGS = Settings()
 
 
 class Wrapped:
-    """A robot that does what another does, but for what a subclass changes."""
+    """A device that passes everything on to another one; subclasses override what should fail."""
 
     def __init__(self, inner):
         self.inner = inner
@@ -36,7 +36,7 @@ class Wrapped:
 
 
 def silent(arm: str, motion: int, share: float = 0.0):
-    """Return a robot one of whose arms stops after a share of its motion of this number, and moves no more."""
+    """Return a wrapper whose ``arm`` stops for good after ``share`` of its ``motion``-th motion."""
 
     class Silent(Wrapped):
         count = 0
@@ -61,10 +61,10 @@ def silent(arm: str, motion: int, share: float = 0.0):
 
 
 def stuck(arm: str, closings: int | None = None):
-    """Return a robot one of whose arms cannot close its jaws: at so many blocks, or ever."""
+    """Return a wrapper whose ``arm`` cannot close its jaws: at the first ``closings`` blocks, or (None) ever."""
 
     class Stuck(Wrapped):
-        tried = -1  # they are closed once on nothing, to see what their encoder says then
+        tried = -1  # agents first close the jaws on nothing, to read their encoder: does not count
 
         async def jaw(self, name, angle_rad):
             if name == arm and angle_rad < 0:
@@ -89,9 +89,9 @@ def played(
     perception=None,
     registered_off_m: Mapping[str, Sequence[float]] = {},
 ) -> tuple[SimLaboratory, bool, list[TransferScore]]:
-    """Let arms do transfers in an ideal cell; return the laboratory, whether they ended in time, the scores.
+    """Play transfers in an ideal cell; return the laboratory, whether the agent ended in time, and the scores.
 
-    ``registered_off_m``: by how much (3,), in the world, bases of arms are registered aside of where they are.
+    ``registered_off_m``: offset (3,), in the world, of an arm's registered base from its true one.
     """
     blocks = blocks or [standing(peg, (0.5e-3, 0.3e-3), 0.3 + peg) for peg in range(6)]
     lab = ideal_laboratory(*blocks, station=coarse(STATION))
@@ -108,7 +108,7 @@ def played(
 def briefed(
     lab, variant: str = "unilateral", goals=(), *, arms=(), settings: Settings = SETTINGS, perception=None
 ) -> AgentContext:
-    """Return what an agent of a cell is told; its arms are those of the variant if none are named."""
+    """Return the context of an agent in a laboratory; by default, its arms are those of the variant."""
     arms = arms or (("psm1",) if variant == "unilateral" else ("psm1", "psm2"))
     rng, perception = np.random.default_rng(0), perception or DepthView()
     return AgentContext(lab.cell, goals, PegSet(variant=variant), arms, PLANNERS["spline"], perception, rng, settings)
@@ -120,7 +120,7 @@ def named(lab: SimLaboratory, name: str) -> list:
 
 
 def distance_of_arms_m(lab: SimLaboratory) -> float:
-    """Return the least distance of the two instruments, from the true joints at 100 Hz."""
+    """Return the least distance between the two instruments, from the true joints at 100 Hz."""
     both = []
     for name, rows in lab.recorder.joints("true").items():
         model = lab.session.station.arms[name].model
@@ -129,5 +129,5 @@ def distance_of_arms_m(lab: SimLaboratory) -> float:
 
 
 def at_rest(lab: SimLaboratory) -> bool:
-    """Return whether no arm is told to move."""
+    """Return whether no arm's set-point is moving."""
     return not any(lab.cell.robot.setpoint(name).moving for name in lab.cell.arms)

@@ -1,4 +1,4 @@
-"""Units of work for other processes, which find this module by its name: each notes that it began, and its end."""
+"""Units of work for other processes, which import this module by name; each notes its start and its end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def done(unit: tuple[str, int]) -> int:
-    """Do a unit once: leave a file behind, and return at once if it is there."""
+    """Do a unit and leave a file as its result; return at once if that exists."""
     folder, number = Path(unit[0]), unit[1]
     result = folder / f"done_{number}"
     if result.is_file():
@@ -34,7 +34,7 @@ def killed_once(unit: tuple[str, int]) -> int:
 
 
 def always_killed(unit: tuple[str, int]) -> int:
-    """Never come to an end."""
+    """Kill the process every time."""
     os.kill(os.getpid(), signal.SIGKILL)
     return unit[1]
 
@@ -47,7 +47,7 @@ def refused(unit: tuple[str, int]) -> int:
 
 
 def long(unit: tuple[str, int]) -> int:
-    """Do a unit that takes a second, and say at once that it began."""
+    """Do a unit that takes over a second; leave a file at once to tell that it began."""
     (Path(unit[0]) / f"began_{unit[1]}").touch()
     time.sleep(1.2)
     return done(unit)

@@ -1,4 +1,4 @@
-"""Requests used by several tests of planners, and a planner to be spoilt."""
+"""Motion requests for tests of planners, and a sound planner for tests to break."""
 
 from itertools import pairwise
 
@@ -13,7 +13,7 @@ PAPER = MOTION_LIMITS["paper"]
 
 
 def transfer_waypoints():
-    """Grasp, lifted, over the target, lowered: tips as on the board, turned a little on the way."""
+    """Return joints (4, 6) of a transfer: grasp, lifted, over the target, lowered; the tool turns a little."""
     places_m = [[0.140, -0.020, -0.155], [0.140, -0.020, -0.115], [0.100, 0.020, -0.115], [0.100, 0.020, -0.145]]
     turns = SO3.axis("z", [0.5, 0.5, -0.2, -0.2])
     return ik(PSM, SE3.from_parts(turns, places_m))
@@ -23,7 +23,7 @@ FOUR = transfer_waypoints()
 
 
 def leaning_base(x_m, lean_rad):
-    """A base 150 mm above the table, leaning along x."""
+    """Return the pose of a base 150 mm above the table, leaning along x."""
     return SE3.from_parts(SO3.axis("y", lean_rad), [x_m, 0.0, 0.15])
 
 
@@ -31,7 +31,7 @@ LEFT, RIGHT = leaning_base(-0.08, -0.4), leaning_base(0.08, 0.4)
 
 
 def over_the_table(T_world_base, places_m, turn_rad=0.0, **asked):
-    """One PSM's motion from place to place (n, 3) over the table z = 0, tool straight down."""
+    """Return one PSM's motion from place to place (n, 3) over the table z = 0, tool straight down."""
     T_world_tips = SE3.from_parts(SO3.axis("z", turn_rad), np.array(places_m, dtype=float))
     waypoints = ik(PSM, T_world_base.inverse() @ T_world_tips)
     up = T_world_base.matrix[2, :3]
@@ -39,13 +39,13 @@ def over_the_table(T_world_base, places_m, turn_rad=0.0, **asked):
 
 
 def transfer(T_world_base, pick_m, place_m, turn_rad=0.0, lift_m=0.03, **asked):
-    """A transfer from one place (x, y) of the table to another."""
+    """Return the motion of a transfer from one place (x, y) of the table to another."""
     places = [[*pick_m, 0.0], [*pick_m, lift_m], [*place_m, lift_m], [*place_m, 0.0]]
     return over_the_table(T_world_base, places, turn_rad, **asked)
 
 
 def stops(problem):
-    """A sound planner: it comes to rest at every waypoint."""
+    """Plan motions that come to rest at every waypoint: a sound planner."""
     return {
         name: TimedPath.joined(
             [
