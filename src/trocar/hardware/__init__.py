@@ -1,4 +1,4 @@
-"""Real arms: what an arm has to offer, the loop that drives it in a process of its own, and a laboratory of them."""
+"""Real arms: the driver protocol, the loop that drives the arms in its own process, and a laboratory of arms."""
 
 from trocar.hardware.arm import ArmFault, Fault, HardwareArm, HardwareReading, LoopSettings
 from trocar.hardware.laboratory import HardwareLaboratory

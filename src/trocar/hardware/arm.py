@@ -1,4 +1,4 @@
-"""What a real arm has to offer, what the loop that drives it tolerates, and how it says that something is wrong."""
+"""Real arms as their loop sees them: the driver protocol, the loop's tolerances, and faults."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from trocar.robots.driver import TICK_S
 
 @dataclass(frozen=True)
 class HardwareReading:
-    """What the encoders of a real arm read.
+    """One encoder reading of a real arm.
 
     Attributes:
         q: (6,) joints, rad and m.
         jaw_rad: opening of the jaws.
-        age_s: how long ago they were sampled; an arm that does not know says 0.
+        age_s: time since the encoders were sampled; 0 if the arm does not know it.
     """
 
     q: NDArray[np.float64]
@@ -32,50 +32,51 @@ class HardwareReading:
 
 
 class HardwareArm(Protocol):
-    """One real arm, as its loop sees it: a few calls that return within a fraction of a tick.
+    """Driver of one real arm; each call must return within a fraction of a tick.
 
-    It lives in the loop's process. Whatever it raises stops the arm, and is named to the script that moved it; an
-    ``ArmFault`` keeps its kind. One that passes set-points on in parts may have an attribute ``behind``: while it is
-    true the motions of all arms wait, and the set-point is sent again. So nothing is left to come when they stop.
+    The driver lives in the loop's process. Any exception stops the arm and is reported to the script that moved it; an
+    ``ArmFault`` from ``read`` keeps its kind. A driver that passes a set-point on in parts may have an attribute
+    ``behind``. While it is true, the motions of all arms wait and the set-point is sent again, so that no part of it is
+    left to send when the motions stop.
     """
 
     def commanded(self) -> tuple[NDArray[np.float64], float]:
-        """Return joints (6,) and jaws that the controller holds now: the first set-point."""
+        """Return the joints (6,) and jaw angle that the controller holds now; they are the first set-point."""
         ...
 
     def read(self) -> HardwareReading:
-        """Return the encoders' state."""
+        """Return the latest encoder reading."""
         ...
 
     def send(self, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: float) -> None:
-        """Take the set-point of this tick: joints (6,), their velocities, and the jaws' opening."""
+        """Send the set-point of this tick: joints (6,), their velocities, and the jaws' opening."""
         ...
 
     def close(self) -> None:
-        """Leave the arm holding where it is."""
+        """Close the connection and leave the arm holding its position."""
         ...
 
 
 Connect = Callable[[str], HardwareArm]
-"""Connects an arm by its name, in the loop's process: a function of a module, or a ``functools.partial`` of one."""
+"""Connects an arm by its name, in the loop's process: a module-level function, or a ``functools.partial`` of one."""
 
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """What a loop of real arms keeps and tolerates.
+    """Timing and tolerances of the loop that drives real arms.
 
     Attributes:
         tick_s: period of the set-points.
-        lead_ticks: a motion that replaces a running one starts so many ticks after what was last reported, so that it
-            arrives in time.
-        max_late: more ticks than this within a second that are late by over half a period are a fault.
-        max_stall_s: so is one tick that is later than this.
-        stale_s: so are encoders that were sampled longer ago than this.
-        lag_s: an arm may follow its set-points this much later,
-        following_rad: and be off by this much then; a prismatic joint
-        following_m: by this much.
-        watchdog_s: arms brake if their script's process lets this much time pass without a sign of life.
-        priority: of the loop under Linux's real-time scheduler, where that is permitted; 0: ordinary.
+        lead_ticks: a motion that replaces a running one starts this many ticks after the last report, so that it
+            reaches the loop in time.
+        max_late: fault if more ticks than this, within a second, are late by more than half a period.
+        max_stall_s: fault if one tick is later than this.
+        stale_s: fault if an encoder reading is older than this.
+        lag_s: time by which an arm may lag behind its set-points.
+        following_rad: fault if a revolute joint reads further than this from every set-point of the last ``lag_s``.
+        following_m: likewise for a prismatic joint.
+        watchdog_s: arms brake if the scripts' process gives no sign of life for this long.
+        priority: of the loop under Linux's real-time scheduler, where permitted; 0: an ordinary process.
     """
 
     tick_s: float = TICK_S
@@ -101,18 +102,18 @@ class LoopSettings:
 
 @dataclass(frozen=True, eq=False)
 class DrivenArm:
-    """What the loop knows of an arm.
+    """Model and limits of an arm, as its loop needs them.
 
     Attributes:
-        model: of the arm; what is sent stays within its joints' ranges.
-        limits: of velocity and acceleration, within which it brakes.
+        model: of the arm; braking stays within its joints' ranges.
+        limits: of velocity and acceleration, for all set-points and for braking.
     """
 
     model: ArmModel
     limits: MotionLimits
 
     def following(self, settings: LoopSettings) -> NDArray[np.float64]:
-        """Return how far (6,) each joint may be from what it was sent during the last ``lag_s``."""
+        """Return how far (6,) each joint may read from every set-point of the last ``lag_s``."""
         return np.array(
             [settings.following_m if joint.prismatic else settings.following_rad for joint in self.model.joints]
         )
@@ -140,15 +141,15 @@ class Fault(Enum):
 
 
 PASSING = frozenset({Fault.LATE, Fault.WATCHDOG, Fault.ORPHANED, Fault.GONE})
-"""Faults of what is around an arm; after all others it refuses to move until its faults are cleared."""
+"""Faults of an arm's surroundings. After any other fault, the arm refuses to move until its faults are cleared."""
 
 
 class ArmFault(ArmStopped):
     """A real arm was stopped because something is wrong.
 
     Attributes:
-        fault: what.
-        detail: with which value, in words.
+        fault: kind of fault.
+        detail: the value that was wrong, in words.
     """
 
     def __init__(self, arm: str, fault: Fault, detail: str = ""):

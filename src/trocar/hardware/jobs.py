@@ -1,4 +1,4 @@
-"""What scripts have asked a loop of real arms for and what came of it: motions and jaws on their way to an end."""
+"""Requests of scripts to the loop of real arms: motions and jaw commands in progress, and their results."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from trocar.trajectory import Trajectory
 
 @dataclass
 class Job:
-    """Motions, or jaws, that were asked for in one call.
+    """The motions, or the jaw command, that one call requested.
 
     Attributes:
-        arms: those that are not done yet.
-        first: number of the report from which on it is theirs.
-        motions: by arm; none of jaws.
-        at_tick: of motions that take over, when.
+        arms: that are not done yet.
+        first: number of the job's first report.
+        motions: by arm; empty for a jaw command.
+        at_tick: when motions that take over begin; None: at once, from rest.
         endings: of the arms that are done.
-        rows: what they were sent and read meanwhile, and when on the machine's clock.
-        refusal: why it was not begun.
-        over: set when all arms are done.
-        before: the motion that each arm takes over from, and when that began on the loop's clock.
+        rows: reports on each of these arms, with their times on the machine's clock.
+        refusal: why the job was not begun.
+        over: set when all arms are done, or the job was refused.
+        before: the motion that each arm takes over from, and its start on the loop's clock.
     """
 
     arms: set[str]
@@ -43,14 +43,14 @@ class Job:
     before: dict[str, tuple[Trajectory, float] | None] = field(default_factory=dict)
 
     def end(self, arm: str, ending: Ending, reports: Iterable[Report]) -> bool:
-        """Note how it ended for an arm, with the reports since it began; return whether all arms are done."""
+        """Note how the job ended for an arm, and the reports since it began; return whether all arms are done."""
         self.endings[arm] = ending
         self.arms.discard(arm)
         self.rows[arm] = [(report.time_s, report.arms[arm]) for report in reports]
         return not self.arms
 
     def result(self, arm: str, origin_s: float) -> MotionResult:
-        """Return what an arm did; times count from ``origin_s`` of the machine's clock."""
+        """Return the result for an arm; times count from ``origin_s`` of the machine's clock."""
         rows, ending = self.rows.get(arm, []), self.endings[arm]
         return MotionResult(
             times_s=np.array([time_s - origin_s for time_s, _ in rows]),

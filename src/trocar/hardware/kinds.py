@@ -18,9 +18,9 @@ class RobotKind:
     """One kind of real robot.
 
     Attributes:
-        about: one line.
-        connect: connects arms and cameras of a station; called with it, and with what hears each event.
-        where: in words, how an arm of a station is reached and what is sent to it; a person reads it before it moves.
+        about: description of one line.
+        connect: connects the arms and cameras of a station; takes the station and a listener for each event.
+        where: says how an arm of a station is reached and what is sent to it; a person reads this before the arm moves.
     """
 
     about: str
@@ -43,7 +43,7 @@ def robot_of(text: str) -> tuple[RobotKind, str]:
     """Return the kind of robot and the station's file that ``KIND:STATION.toml`` names.
 
     Raises:
-        InvalidInput: it is no such text, or there is no such kind.
+        InvalidInput: the text has another form, or there is no such kind.
     """
     name, colon, station = text.partition(":")
     if not colon or not station:

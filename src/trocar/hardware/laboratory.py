@@ -22,7 +22,7 @@ from trocar.robots.concurrency import cause_of
 
 
 class WallClock:
-    """The machine's monotonic clock, from its time ``origin_s`` on."""
+    """The machine's monotonic clock, counted from ``origin_s``."""
 
     def __init__(self, origin_s: float):
         self.origin_s = origin_s
@@ -36,31 +36,31 @@ class WallClock:
         await trio.sleep(seconds)
 
     async def compute(self, function: Callable[[], Result], budget_s: float) -> tuple[Result, float]:
-        """Return a function's result, computed in a thread beside the scripts, and the real time that it took."""
+        """Run a function in a thread beside the scripts; return its result and the time that it took, s."""
         begin = time.perf_counter()
         result = await trio.to_thread.run_sync(function)
         return result, time.perf_counter() - begin
 
 
 def registered(thing: StationArm | StationCamera) -> SE3:
-    """Return the pose in the world of an arm's base or a camera: as registered, or else as the station has it."""
+    """Return the pose in the world of an arm's base or a camera: as registered, or else the station's nominal one."""
     if isinstance(thing, StationArm):
         return thing.T_world_base if thing.T_world_base_registered is None else thing.T_world_base_registered
     return thing.T_world_camera if thing.T_world_camera_registered is None else thing.T_world_camera_registered
 
 
 class HardwareLaboratory:
-    """Real arms of a station, ready to run scripts; a context manager that leaves them holding.
+    """Real arms of a station, ready to run scripts; a context manager that leaves the arms holding.
 
-    The arms are driven by a loop in a process of its own (``trocar.hardware.loop``) behind a guard. Whatever
-    ends a script, the arms come to rest within their limits.
+    A loop in its own process (``trocar.hardware.loop``) drives the arms, behind a guard. However a script ends, the
+    arms come to rest within their limits.
 
     Attributes:
-        station: whose arms they are.
-        cell: what scripts are given; bases and cameras where the station has them registered.
-        robot: the arms without their guard: emergency stop, faults.
-        log: what scripts, guard and loop note.
-        record: what was asked, sent and read, tick by tick.
+        station: of the arms.
+        cell: what scripts are given; poses of bases and cameras are the registered ones, where the station has them.
+        robot: the arms without their guard, for the emergency stop and faults.
+        log: events of scripts, guard and loop.
+        record: what was requested, sent and read, tick by tick.
         cameras: by name.
     """
 
@@ -77,10 +77,10 @@ class HardwareLaboratory:
 
         Args:
             station: names the arms, their limits, bases and workspaces.
-            connect: connects an arm by its name; called in the loop's process, so it must be a function of a module
+            connect: connects an arm by its name; called in the loop's process, so it must be a module-level function
                 (or a ``functools.partial`` of one).
-            settings: what the loop tolerates.
-            cameras: by name; those of the station, whose poses it has.
+            settings: of the loop.
+            cameras: by their names in the station, which has their poses.
             listener: called with each event of the log.
 
         Raises:
@@ -121,7 +121,7 @@ class HardwareLaboratory:
         clock.origin_s = self.robot.origin_s = time.monotonic()
 
     def wrap_robot(self, wrap: Callable[[Cell], Any]) -> Cell:
-        """Add another wrapper to the robot, made by ``wrap`` from the cell; return the cell with it."""
+        """Replace the cell's robot by ``wrap(cell)``, a wrapper around it; return the new cell."""
         robot = self.record.asked_of = wrap(self.cell)
         self.cell = replace(self.cell, robot=robot)
         if isinstance(robot, JointEstimator):
@@ -145,7 +145,7 @@ class HardwareLaboratory:
             nursery.start_soon(self.robot.attend, self._guard.check)
             try:
                 with trio.move_on_after(budget_s):
-                    await self.robot.fresh()  # the last report may be of when the arms were connected
+                    await self.robot.fresh()  # the last report may date from when the arms were connected
                     await script(self.cell)
                     ended = True
             finally:
@@ -156,7 +156,7 @@ class HardwareLaboratory:
         return ended
 
     def close(self) -> None:
-        """Leave the arms holding where they are, and end their loop."""
+        """Bring the arms to rest, leave them holding, and end their loop."""
         self.robot.close()
 
     def __enter__(self) -> Self:

@@ -1,8 +1,8 @@
 """The loop that drives real arms, in a process of its own: nothing that a script computes can make it late.
 
-Each tick takes the next set-points of all arms, sends them, reads the encoders, and checks what it read. The motions'
-own time advances by one period a tick, however late the tick is: a late loop makes a motion slower, never faster, and
-what is sent stays within the limits. Whatever goes wrong brakes the arm on its path, and is named.
+Each tick computes the next set-points of all arms, sends them, reads the encoders, and checks the readings. The
+motions' own time advances by one period per tick, however late the tick is. So a late loop slows motions down, never
+speeds them up, and set-points stay within the limits. Any fault brakes the arm on its path and is reported.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ from trocar.robots.executor import Ending
 
 START_TOLERANCE = 1e-6
 STEP_TOLERANCE = 1e-6
-"""A set-point may exceed a limit by this share: rounding."""
+"""Share by which rounding may make a set-point exceed a limit."""
 JITTER_SHARE = 0.1
-"""A tick that is later than this share of its period moves those that follow, so that no two come closer together."""
+"""A tick that is later than this share of its period postpones the next ones, so that no two come closer together."""
 LATE_SHARE = 0.5
 MAX_UNSENT = 1000
-"""While so many reports wait to be read, only those are kept that tell what was asked for."""
+"""While this many reports wait to be sent, further ones are dropped unless a script may wait for them."""
 LAST_WORDS_S = 0.5
 FOR_THE_SCRIPT = ("SIGINT", "SIGHUP", "SIGQUIT", "SIGTSTP")
-"""Ctrl-C, a terminal that is gone, Ctrl-backslash and Ctrl-Z are for the script: it brakes the arms, or its end or its
-silence does, for which the loop has to go on."""
+"""Ctrl-C, a closed terminal, Ctrl-backslash and Ctrl-Z are for the script, and the loop ignores them. The script brakes
+the arms, or the loop does when the script ends or falls silent, so the loop must go on."""
 
 
 class HardwareLoop:
@@ -56,7 +56,7 @@ class HardwareLoop:
     Args:
         arms: by name.
         connect: connects one of them.
-        settings: what is tolerated.
+        settings: timing and tolerances.
     """
 
     def __init__(self, arms: Mapping[str, DrivenArm], connect: Connect, settings: LoopSettings):
@@ -83,7 +83,7 @@ class HardwareLoop:
         lag = 1 + int(np.ceil(settings.lag_s / settings.tick_s))
         for name in self._arms:
             self._devices[name] = connect(name)
-        for name, arm in self._arms.items():  # once all are connected, which takes a while
+        for name, arm in self._arms.items():  # connecting takes a while, and these must be fresh
             q, jaw_rad = self._devices[name].commanded()
             q = np.array(q, dtype=np.float64)
             if q.shape != (6,) or not np.isfinite(np.append(q, jaw_rad)).all():
@@ -99,14 +99,14 @@ class HardwareLoop:
                 raise ArmFault(name, Fault.FOLLOWING, problem)
 
     def tick(self, late_s: float = 0.0) -> Report:
-        """Send the next set-points, read, check; return what happened."""
+        """Send the next set-points, read and check the encoders; return the tick's report."""
         behind = any(getattr(self._devices[name], "behind", False) for name in self._arms if name not in self._dead)
         tick = self._ticks if behind else self._ticks + 1
         self._report = Report(tick, tick * self.settings.tick_s, time.monotonic())
         self._hear()
         self._watch(late_s)
         at_rest = not behind and all(self.driver.idle(name) for name in self._arms)
-        if not behind:  # else the motions wait, and what was sent last is sent again
+        if not behind:  # else the motions wait, and the last set-point is sent again
             self._take_over()
             ahead = np.array([tick * self.settings.tick_s])
             self._targets = {name: self.driver.targets(name, ahead) for name in self._arms}
@@ -117,19 +117,19 @@ class HardwareLoop:
         if not behind:
             self.driver.note(self._ticks * self.settings.tick_s, self._read)
         self._tell()
-        if self._closing and at_rest:  # and has been told so: a set-point is repeated where an arm is to stay
+        if self._closing and at_rest:  # since before this tick, so the final set-point was sent once more
             self.close()
         return self._report
 
     def close(self) -> None:
-        """Leave the arms as they are."""
+        """Close the connections to the arms."""
         self.closed = True
         for device in self._devices.values():
             with contextlib.suppress(Exception):
                 device.close()
 
     def _hear(self) -> None:
-        """Do what the scripts' process says."""
+        """Execute the messages of the scripts' process."""
         while not self.inbox.empty():
             said = self.inbox.get()
             self._heard_s = time.monotonic()
@@ -160,13 +160,13 @@ class HardwareLoop:
         self._jaw_goals[jaw.arm] = angle_rad
 
     def _clear(self, arms: Iterable[str]) -> None:
-        """Forget faults, but of arms whose connection is broken."""
+        """Forget faults, except of arms to which nothing is sent any more."""
         for name in arms:
             if name not in self._dead:
                 self._faults.pop(name, None)
 
     def _start(self, start: Start) -> None:
-        """Start motions, or keep them for their tick."""
+        """Start motions, keep them for their tick, or refuse them."""
         faulty = [self._faults[name] for name in start.motions if name in self._faults]
         if faulty:
             self._report.over += [(start.key, name, Ending(MotionEnd.FAULT, faulty[0])) for name in start.motions]
@@ -230,12 +230,13 @@ class HardwareLoop:
     def _send(
         self, name: str, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: NDArray[np.float64]
     ) -> None:
-        """Send a set-point, unless it is beyond the limits, which would be a mistake of this package."""
+        """Send a set-point, unless it is beyond the limits, which would be a bug in this package."""
         if name in self._dead:
             return
         arm, step = self._arms[name], q[-1] - self._sent[name][-1]
         bound = arm.limits.velocity * self.settings.tick_s
         change = np.abs(velocity[-1] - self._velocity[name]) / (arm.limits.acceleration * self.settings.tick_s)
+        # twice the acceleration: a motion may take over with a change of velocity that takes a tick (_refusal)
         if not (
             np.all(np.abs(step) <= bound * (1 + STEP_TOLERANCE) + 1e-12) and change.max() <= 2 * (1 + STEP_TOLERANCE)
         ):
@@ -252,7 +253,7 @@ class HardwareLoop:
         self._velocity[name] = velocity[-1]
 
     def _reading(self, name: str) -> JointReading | None:
-        """Return what an arm's encoders read, if they can be trusted; else stop it."""
+        """Return an arm's reading, or None if it is not valid; stop an arm that has none or does not follow."""
         if name in self._dead:
             return None
         try:
@@ -281,7 +282,7 @@ class HardwareLoop:
         return JointReading(self._ticks * self.settings.tick_s - age_s, q, jaw_rad)
 
     def _stop(self, arms: Iterable[str], ended: MotionEnd, reason: TrocarError | str) -> None:
-        """Bring arms to rest, and drop what was to take over."""
+        """Bring arms to rest, and refuse the motions that wait to take over."""
         for start in [start for start in self._to_come if set(start.motions) & set(arms)]:
             self._to_come.remove(start)
             why = reason if isinstance(reason, TrocarError) else ArmMoving(next(iter(start.motions)))
@@ -295,7 +296,7 @@ class HardwareLoop:
                 self.driver.hold(name, reason=reason)
 
     def _fault(self, name: str, fault: Fault, detail: str = "") -> None:
-        """Stop an arm because something is wrong; tell once."""
+        """Stop an arm because something is wrong; report a fault that stays only once."""
         told = self._faults.get(name)
         if told is not None and told.fault is fault:
             return
@@ -333,14 +334,14 @@ class HardwareLoop:
 def serve(
     arms: Mapping[str, DrivenArm], connect: Connect, settings: LoopSettings, said: Connection, told: Connection
 ) -> None:
-    """Be the loop's process: connect, tick, until it is told to close or the scripts' process has ended.
+    """Run the loop's process: connect, then tick until told to close or the scripts' process has ended.
 
     Args:
         arms: by name.
         connect: connects one of them.
-        settings: what is tolerated.
-        said: what the scripts' process says.
-        told: where reports go; the first thing is None, or why the arms could not be connected.
+        settings: timing and tolerances.
+        said: receives messages of the scripts' process.
+        told: sends reports; the first message is None, or why the arms could not be connected.
     """
     for name in FOR_THE_SCRIPT:
         if hasattr(signal, name):
@@ -351,14 +352,14 @@ def serve(
         told.send(error if isinstance(error, TrocarError) else f"{type(error).__name__}: {error}")
         return
     signal.signal(signal.SIGTERM, lambda *_: loop.inbox.put(Close()))
-    importlib.import_module("scipy.interpolate")  # .13 s, for which the first motion would wait, and ticks be late
+    importlib.import_module("scipy.interpolate")  # takes .13 s, which would delay the first motion and its ticks
     told.send(None)
     with ahead_of_others(settings.priority):
         _tick_until_closed(loop, said, told)
 
 
 def _tick_until_closed(loop: HardwareLoop, said: Connection, told: Connection) -> None:
-    """Let the loop tick at its times, and pass on what it hears and tells."""
+    """Let the loop tick on time, and pass on messages and reports."""
     unsent: queue.SimpleQueue[Report] = queue.SimpleQueue()
     settings = loop.settings
     threading.Thread(target=_listen, args=(said, loop.inbox), daemon=True).start()
@@ -378,7 +379,7 @@ def _tick_until_closed(loop: HardwareLoop, said: Connection, told: Connection) -
 
 
 def _listen(said: Connection, inbox: queue.SimpleQueue[object]) -> None:
-    """Pass on what is said; None at the end."""
+    """Put messages into the inbox; None when the connection ends."""
     with contextlib.suppress(EOFError, OSError):
         while True:
             inbox.put(said.recv())
@@ -386,7 +387,7 @@ def _listen(said: Connection, inbox: queue.SimpleQueue[object]) -> None:
 
 
 def _speak(unsent: queue.SimpleQueue[Report], told: Connection) -> None:
-    """Send reports in a thread of its own: a reader that is frozen must not stop the arms' loop."""
+    """Send reports, in a thread of their own: a frozen reader must not stop the loop."""
     with contextlib.suppress(OSError):
         while True:
             told.send(unsent.get())

@@ -1,4 +1,4 @@
-"""What the scripts' process and the loop's process say to each other."""
+"""Messages between the scripts' process and the loop's process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Start:
-    """Start trajectories: at once and from rest, or taking over at a tick."""
+    """Start trajectories: at once from rest, or at a tick, in place of running motions."""
 
     key: int
     motions: Mapping[str, Trajectory]
@@ -26,7 +26,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Jaw:
-    """Drive an arm's jaws; None: they stay as they are commanded now."""
+    """Drive an arm's jaws to an angle; None: stop them at the present command."""
 
     key: int
     arm: str
@@ -34,7 +34,7 @@ class Jaw:
 
 
 class Reason(TrocarError):
-    """Stands for a reason that the scripts' process keeps; to load its class in the loop's would delay a stop.
+    """Stand-in for a stop's reason, which the scripts' process keeps: importing its class in the loop takes too long.
 
     Attributes:
         key: of the reason.
@@ -83,12 +83,12 @@ class ArmReport:
     """One arm after a tick.
 
     Attributes:
-        sent: (7,) what it was sent: joints and jaw.
-        reading: its encoders, on the loop's clock.
-        setpoint: the command ``lead_ticks`` from now, where a motion that takes over has to start.
-        braking: the rest of a motion that comes to rest early, and when it began, in the tick in which that began.
-        jaw_goal_rad: where its jaws go.
-        limit_use: largest share of velocity and acceleration limits in what was sent so far.
+        sent: (7,) joints and jaw of the last set-point.
+        reading: of its encoders, on the loop's clock.
+        setpoint: the one ``lead_ticks`` from now, where a motion that takes over has to start.
+        braking: in the tick in which an arm begins to brake, the braking motion and its start; else None.
+        jaw_goal_rad: goal of its jaws.
+        limit_use: largest shares of the velocity and acceleration limits used so far.
     """
 
     sent: NDArray[np.float64]
@@ -105,12 +105,12 @@ class Report:
 
     Attributes:
         tick: its number.
-        clock_s: the motions' own time.
+        clock_s: the motions' own time, one period per tick.
         time_s: the machine's monotonic clock.
         arms: by name.
-        over: keys, arms and endings of motions and jaws that are over.
+        over: keys, arms and endings of motions and jaw commands that are over.
         refused: keys of motions that were not started, and why.
-        faults: that came up.
+        faults: that are new.
     """
 
     tick: int
@@ -123,6 +123,6 @@ class Report:
 
     @property
     def eventful(self) -> bool:
-        """Return whether somebody waits for what it tells."""
+        """Return whether a script may wait for this report."""
         braking = any(arm.braking is not None for arm in self.arms.values())
         return braking or bool(self.over or self.refused or self.faults)

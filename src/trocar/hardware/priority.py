@@ -1,4 +1,4 @@
-"""Real-time priority, where the system permits it: what must not be late comes before what may wait."""
+"""Real-time priority for threads that must not be late, where the system permits it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 PRIORITY = 10
-"""Under Linux's real-time scheduler: before everything ordinary, behind what the system itself runs there."""
+"""Under Linux's real-time scheduler: above ordinary processes, below the system's own threads there."""
 THREADS = Path("/proc/self/task")
 
 
 @contextlib.contextmanager
 def ahead_of_others(priority: int = PRIORITY) -> Iterator[bool]:
-    """Run all threads of this process before ordinary ones, those that they start included; yield whether they do.
+    """Give all threads of this process, and those they start, real-time priority; yield whether they have it.
 
-    Where that is not permitted (it takes root, or an ``rtprio`` limit), or there is no such scheduler, nothing changes.
+    Nothing changes where this is not permitted (it takes root, or an ``rtprio`` limit) or there is no such scheduler.
 
     Args:
         priority: from 1 to 99; 0: change nothing.

@@ -1,4 +1,4 @@
-"""What real arms were asked, sent, and read, tick by tick."""
+"""What was requested of real arms, sent to them, and read from them, tick by tick."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from trocar.robots.driver import TICK_S
 
 
 class HardwareRecord:
-    """The rows of a loop of real arms; where they truly were is not known.
+    """One row per tick of the loop; the true joints of real arms are not known.
 
     Attributes:
-        asked_of: the outermost robot, whose set-points are what the script asked for.
+        asked_of: the outermost robot, whose set-points are what the script requested.
     """
 
     def __init__(self, arms: Sequence[str]):
@@ -26,7 +26,7 @@ class HardwareRecord:
         self._rows: dict[str, list[NDArray[np.float64]]] = {name: [] for name in arms}
 
     def take(self, report: Report) -> None:
-        """Take in what happened in a tick."""
+        """Add the row of a tick."""
         if self.asked_of is None:
             return
         self._times.append(report.time_s)
@@ -38,11 +38,11 @@ class HardwareRecord:
     def arrays(self, origin_s: float, lead_s: float) -> dict[str, NDArray[np.float64]]:
         """Return (n, 7) ``desired_ARM``, ``commanded_ARM`` and ``measured_ARM`` at 100 Hz: joints and jaw.
 
-        A row has what was last sent and read then, the last one what came last; ticks that were late leave no gap.
+        A row has what was last sent and read by its time, so late ticks leave no gap. The last row has the last report.
 
         Args:
             origin_s: the machine's monotonic clock at the first row.
-            lead_s: what the script asked is known so much ahead.
+            lead_s: how far the requested set-points are ahead of those sent.
         """
         times_s = np.array(self._times) - origin_s
         if not len(times_s):

@@ -28,29 +28,29 @@ CONNECT_S = 20.0
 STILL_RAD = 1e-3
 """Jaws that turn by less than this in ``JAW_REST_S`` have stopped."""
 MOVED_RAD = 5e-3
-"""Jaws that read further off than this have moved."""
+"""Jaws whose reading changes by more than this have moved."""
 ALIVE_S = 0.1
-"""Signs of life are given this often."""
+"""Period of the signs of life."""
 SILENT_S = 2.0
-"""A loop that has told nothing for this long does not drive its arms any more."""
+"""A loop that has reported nothing for this long does not drive its arms any more."""
 
 
 class HardwareRobot:
-    """Arms that a loop in a process of its own drives (``trocar.hardware.loop``), for a ``Guarded`` around it.
+    """Arms that a loop in its own process drives (``trocar.hardware.loop``), to be wrapped in ``Guarded``.
 
-    What it tells (``read``, ``setpoint``, ``remaining``) is what the loop last reported. The set-point of a moving arm
-    is where it will be ``lead_ticks`` later, so that a motion that takes over there arrives in time; one that does not
-    is refused.
+    ``read``, ``setpoint`` and ``remaining`` return what the loop last reported. The set-point of a moving arm is that
+    of ``lead_ticks`` later, so that a motion that takes over there reaches the loop in time. One that comes too late is
+    refused.
 
     Args:
         arms: by name.
-        connect: called with each name in the loop's process; a function of a module.
-        settings: what the loop tolerates.
-        note: called as ``note("fault", arm=..., ...)`` with what went wrong.
-        record: called with each report of the loop, after it was taken in.
+        connect: called with each name in the loop's process; a module-level function, or a ``functools.partial``.
+        settings: of the loop.
+        note: called as ``note("fault", arm=..., ...)`` with each fault.
+        record: called with each report of the loop, after it was processed.
 
     Attributes:
-        settings: what the loop tolerates.
+        settings: of the loop.
         origin_s: time of the machine's monotonic clock from which the cell's time counts.
         refused: the last fault after which an arm refuses to move; None: there is none.
 
@@ -72,7 +72,7 @@ class HardwareRobot:
         self._jobs: dict[int, Job] = {}
         self._reasons: dict[int, TrocarError | str] = {}
         self._rows: deque[Report] = deque()
-        self._row = 0  # number of the first of them
+        self._row = 0  # number of the first report in _rows
         self._motions: dict[str, tuple[Trajectory, float]] = {}
         self._braking: set[str] = set()
         self._gone: ArmFault | None = None
@@ -88,7 +88,7 @@ class HardwareRobot:
         told.close()
         try:
             self._connect(next(iter(arms)))
-        except BaseException:  # Ctrl-C too: a loop that nobody knows would stream for ever
+        except BaseException:  # Ctrl-C too: an orphaned loop would stream for ever
             self._process.kill()
             self._process.join()
             self._say.close()
@@ -114,26 +114,26 @@ class HardwareRobot:
         return tuple(self._report.arms)
 
     def report(self, name: str) -> ArmReport:
-        """Return what the loop last said of an arm."""
+        """Return the loop's last report on an arm."""
         if name not in self._report.arms:
             raise UnknownName("arm", name, self._report.arms)
         return self._report.arms[name]
 
     def _time_s(self, clock_s: float) -> float:
-        """Return the cell's time at a time of the motions, which late ticks delay."""
+        """Convert a time of the motions, which late ticks delay, to the cell's time."""
         return clock_s - self._report.clock_s + self._report.time_s - self.origin_s
 
     def read(self, arm: str) -> JointReading:
-        """Return the encoders' state as last read."""
+        """Return the last encoder reading."""
         reading = self.report(arm).reading
         return replace(reading, time_s=self._time_s(reading.time_s))
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return what the arm is commanded: at rest now, in motion where a motion that takes over has to start."""
+        """Return the arm's set-point: at rest the present one, in motion where a motion that takes over must start."""
         now, time_s = self.report(arm).setpoint, self._time_s(self._report.clock_s)
         job = next((job for job in reversed(self._jobs.values()) if arm in job.motions and arm in job.arms), None)
         if job is not None and job.at_tick is not None and job.at_tick >= self._report.tick:
-            # not yet begun: another one that takes over starts from it, or streams would wait for each other
+            # not begun yet: the next motion of a stream takes over from this one, and need not wait until it begins
             ticks = self._report.tick + self.settings.lead_ticks - job.at_tick
             motion = job.motions[arm]
             path_s = float(motion.times_s[0] + ticks * self.settings.tick_s)
@@ -141,7 +141,7 @@ class HardwareRobot:
         return replace(now, time_s=time_s, moving=now.moving or job is not None)
 
     def remaining(self, arm: str, /) -> tuple[Trajectory, float] | None:
-        """Return what an arm is still executing and the clock at its start; None at rest."""
+        """Return the motion that an arm is executing and the cell's time at its start; None at rest."""
         if not self.setpoint(arm).moving or arm not in self._motions:
             return None
         motion, start_s = self._motions[arm]
@@ -191,9 +191,10 @@ class HardwareRobot:
         return {name: job.result(name, self.origin_s) for name in motions}
 
     async def _stopped(self, job: Job, began: Mapping[str, tuple[Trajectory, float]]) -> None:
-        """Return when motions that are not wanted any more have ended; what has not been taken over brakes.
+        """Brake the motions of a cancelled call, and return when they have ended.
 
-        What was to take over may still be refused, and then they go on until they are told to brake.
+        A motion that another one is about to replace is left alone. If that other one is refused, the motion goes on,
+        and is then told to brake.
         """
         told: set[str] = set()
         while not job.over.is_set():
@@ -205,7 +206,7 @@ class HardwareRobot:
                 await job.over.wait()
 
     def _restore(self, job: Job) -> None:
-        """Note that motions were refused: what they were to take over from goes on."""
+        """Note that motions were refused: the motions that they were to replace go on."""
         for name, before in job.before.items():
             for other in self._jobs.values():
                 then = other.before.get(name)
@@ -217,7 +218,7 @@ class HardwareRobot:
                 self._motions |= {} if before is None else {name: before}
 
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
-        """Ramp the jaws to this opening at their speed; return when they arrived or stall."""
+        """Ramp the jaws to this opening at their speed; return when they have arrived or stalled."""
         before_rad, way_rad = self.read(arm).jaw_rad, abs(angle_rad - float(self.report(arm).sent[6]))
         key, job = self._begin([arm])
         self._send(Jaw(key, arm, angle_rad))
@@ -232,10 +233,10 @@ class HardwareRobot:
         return job.result(arm, self.origin_s)
 
     async def _jaws_still(self, arm: str, before_rad: float) -> None:
-        """Return when the jaws read still, at most ``lag_s`` late, on the loop's clock.
+        """Return when the jaws' readings stand still, at the latest after ``lag_s`` and ``JAW_REST_S``.
 
-        A network tells late that they move: those that still read as before the command have not begun. This process
-        may hear late of what the loop has read: what it has not heard is not still.
+        Readings come late over a network: jaws that still read as before the command have not begun to move. Time
+        counts in the loop's ticks, since reports may also reach this process late.
         """
         rest, lag = (math.ceil(time_s / self.settings.tick_s) for time_s in (JAW_REST_S, self.settings.lag_s))
         end, read = self._report.tick + lag + rest, dict[int, float]()
@@ -306,7 +307,7 @@ class HardwareRobot:
                 await trio.sleep(self.settings.tick_s)
 
     async def attend(self, after: Callable[[], None] = lambda: None) -> None:
-        """Take in the loop's reports, for ever; call ``after`` once for each lot of them.
+        """Process the loop's reports, for ever; call ``after`` after each batch.
 
         Raises:
             ArmFault: the loop's process has ended.
@@ -324,9 +325,10 @@ class HardwareRobot:
                 after()
 
     async def _live(self) -> None:
-        """Give signs of life, and look for the loop's.
+        """Send signs of life, and watch for the loop's.
 
-        What counts is how often this finds nothing new, not the time: a script that stood still itself accuses nobody.
+        Silence is counted in looks that find nothing new, not in time: if this process itself stood still, the loop is
+        not to blame.
         """
         tick, silent_s = -1, 0.0
         while True:
@@ -335,19 +337,19 @@ class HardwareRobot:
             silent_s = 0.0 if self._report.tick != tick or self._told.poll() else silent_s + ALIVE_S
             tick = self._report.tick
             if silent_s > SILENT_S:
-                self._process.kill()  # it hears nothing, and would go on sending when it wakes up
+                self._process.kill()  # it receives nothing, and would go on sending when that call returns
                 self._abandon(f"it has told nothing for {silent_s:.1f} s: a call of its driver does not return")
                 assert self._gone is not None
                 raise self._gone
 
     async def fresh(self) -> None:
-        """Return when the loop has reported something later than this call; what it told of meanwhile is known then."""
+        """Return when a report later than this call has come; everything before it is then processed."""
         now_s = time.monotonic()
         while self._gone is None and self._report.time_s < now_s:
             await trio.sleep(self.settings.tick_s)
 
     def _take(self, report: Report) -> None:
-        """Take in one report."""
+        """Process one report."""
         self._report: Report = report
         self._rows.append(report)
         for fault in report.faults:
@@ -384,7 +386,7 @@ class HardwareRobot:
             self._jobs.pop(key).over.set()
 
     def _reason(self, arm: str, ended: MotionEnd, error: TrocarError) -> TrocarError:
-        """Return the error that a stop was given, in place of the one that stands for it."""
+        """Return the error that a stop was given, in place of its stand-in."""
         if not isinstance(error, Reason):
             return error
         given = self._reasons[error.key]
@@ -394,7 +396,7 @@ class HardwareRobot:
         self._note("fault", arm=fault.arm, fault=fault.fault.name.lower(), reason=str(fault))
 
     def _abandon(self, detail: str = "") -> None:
-        """Tell every script that waits, or will wait, that the loop is gone."""
+        """End the wait of every script, now and later: the loop is gone."""
         if self._gone is None:
             self._gone = ArmFault(self.names[0], Fault.GONE, detail)
             self._note_fault(self._gone)
@@ -406,7 +408,7 @@ class HardwareRobot:
                 self._end(key, name, Ending(MotionEnd.FAULT, self._gone))
 
     def close(self, timeout_s: float = 10.0) -> None:
-        """Bring the arms to rest, leave them holding, and end the loop's process; its last reports are taken in."""
+        """Bring the arms to rest, leave them holding, process the last reports, and end the loop's process."""
         self._send(Close())
         deadline_s = time.monotonic() + timeout_s
         with contextlib.suppress(EOFError, OSError):
