@@ -1,4 +1,4 @@
-"""Who may command the arms of a server: everybody else's commands are refused, and who commands is noted."""
+"""Access to a server's arms: refuse the commands of all but the clients that may command, and note who commands."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from trocar.lab.topics import LOOPBACK
 ANYBODY = "*"
 THIS_MACHINE = "localhost"
 KNOWN_S = 5.0
-"""ROS 2 tells the node of a new publisher within two seconds; one that has none by now is looked up no more."""
+"""ROS 2 tells the node of a new publisher within two seconds; after this time, a node is no longer looked up."""
 AGAIN_S = 0.1
-"""Until then it is looked up so often."""
+"""Until then, this is the time between two look-ups."""
 TOGETHER_S = 1.0
 """Two clients that move an arm within this time do so at the same time."""
 Message = TypeVar("Message")
 
 
 def usual(interface: str) -> tuple[str, ...]:
-    """Return who may command if nobody is named: everybody who reaches the loopback interface; else nobody."""
+    """Return who may command if nobody is named: everybody on the loopback interface, nobody on another one."""
     return (ANYBODY,) if interface == LOOPBACK else ()
 
 
 def admits(allowed: Sequence[str], client: Client) -> bool:
-    """Return whether a list names a client, by its ROS node, by its machine's address, or as of this machine."""
+    """Return whether a list names a client, by its ROS node, its machine's address, ``localhost`` or ``*``."""
     if ANYBODY in allowed or client.node in allowed or any(address in allowed for address in client.addresses):
         return True
     return THIS_MACHINE in allowed and bool(client.addresses) and all(map(_is_here, client.addresses))
@@ -37,7 +37,7 @@ def admits(allowed: Sequence[str], client: Client) -> bool:
 
 @cache
 def _is_here(address: str) -> bool:
-    """Return whether this machine has an address: only then can it be bound."""
+    """Return whether an address is one of this machine: only then can a socket be bound to it."""
     try:
         with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET, socket.SOCK_DGRAM) as one:
             one.bind((address, 0))
@@ -47,16 +47,16 @@ def _is_here(address: str) -> bool:
 
 
 class AccessBus:
-    """A bus whose subscribers hear only those who may command.
+    """A bus whose subscribers receive only the messages of clients that may command.
 
-    What is refused is noted as an event once for each client and topic, and counted. Two clients that move an arm at
-    the same time are noted, too, whoever they are.
+    Refused messages are counted, and noted as one event for each client and topic. Two clients that move an arm at the
+    same time are noted as well, even if both may command.
 
     Args:
         bus: of the server.
         allowed: nodes (``/console``), addresses, ``localhost``, or ``*``.
-        arm_of: the arm that a topic commands; None if it commands none, so that anybody may use it.
-        note: takes an event: its name and its fields.
+        arm_of: returns the arm that a topic commands; None if it commands none, so that anybody may use it.
+        note: notes an event, given its name and its fields.
 
     Attributes:
         refused: messages that were refused, by client.
@@ -78,7 +78,7 @@ class AccessBus:
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
     ) -> Subscriber[Message]:
-        """Return a subscriber of a topic, which hears those who may command."""
+        """Return a subscriber of a topic, which receives only messages of clients that may command."""
         inner, arm = self._bus.subscriber(topic, kind, latched=latched, kept=kept), self._arm_of(topic)
         return inner if arm is None else _Admitting(inner, self, arm, topic)
 
@@ -87,7 +87,7 @@ class AccessBus:
         return self._bus.endpoints()
 
     def client(self, sender: Hashable) -> Client:
-        """Return who a sender is; a client that has gone is the one that it was."""
+        """Return who a sender is; a client that has left is remembered."""
         now_s = time.monotonic()
         client, since_s, again_s = self._clients.get(sender, (Client(), now_s, now_s))
         if not client.node and again_s <= now_s <= since_s + KNOWN_S:
@@ -97,7 +97,7 @@ class AccessBus:
         return client
 
     def hears(self, sender: Hashable, arm: str, topic: str) -> bool:
-        """Return whether a message is taken, and note what is to be noted."""
+        """Return whether a message is accepted; note refused clients, and clients that move one arm together."""
         client = self.client(sender)
         if not admits(self._allowed, client):
             self.refused[str(client)] += 1
@@ -109,9 +109,9 @@ class AccessBus:
         return True
 
     def _moves(self, client: Client, arm: str) -> None:
-        """Note who moves an arm beside another."""
+        """Note clients that move an arm at the same time."""
         moved = self._moved.setdefault(arm, {})
-        moved[client.addresses, client.process or client.node] = time.monotonic(), client  # its name may come later
+        moved[client.addresses, client.process or client.node] = time.monotonic(), client  # node may be unknown yet
         if len(moved) > 1 and len(together := self.movers(arm)) > 1:
             self._once("two clients", arm=arm, clients=together)
 

@@ -41,37 +41,36 @@ from trocar.lab.topics import Command, Dialect, Topics
 
 CONNECT_S = 5.0
 LISTEN_S = 0.1
-"""So long it is listened at least, so that a second robot of the same name is heard."""
+"""Minimum time to listen before use, so that a second robot of the same name is noticed."""
 SILENT_S = 0.05
-"""After so long without a reading it is looked at whether anybody publishes."""
+"""After this long without a reading, check whether anybody still publishes."""
 ALONE_S = 0.03
-"""Where nobody has for this long, the connection is lost."""
+"""The connection is lost when nobody has published for this long."""
 HEARD_S = 0.5
 HEARD, HEARD_JAW_RAD = np.array([5e-3, 5e-3, 5e-4, 5e-3, 5e-3, 5e-3]), 5e-3
-"""So long after the last new set-point a controller that hears it holds it, but for this much (rad and m)."""
+"""``HEARD_S`` after the last new set-point, a controller that received it holds it to within this much (rad and m)."""
 REMEMBERED = 500
-"""Stamps of what was sent, by which it is told from what others send."""
+"""Number of stamps of sent messages that are kept, to tell these messages from those of other senders."""
 RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3])
-"""rad and m: what a Raven's joint has beyond this in an increment is cut off (uw-biorobotics/raven2, branch crtk)."""
+"""rad and m: a Raven cuts off larger increments of its joints (uw-biorobotics/raven2, branch crtk)."""
 ROUNDING = 1e-9
 STATES = {"PAUSED": Fault.PAUSED, "DISABLED": Fault.DISABLED, "FAULT": Fault.CONTROLLER}
 
 
 class CrtkArm:
-    """One arm: reads ``measured_js`` and the jaws', and streams what the station's file says.
+    """One arm: reads ``measured_js`` of its joints and jaws, and sends the commands that the station's file names.
 
-    Once it has stopped because of what the controller or somebody else did, or its readings are older than the loop
-    tolerates, it sends nothing more: the arm may be moved by others then, and what is sent into a network that is cut
-    comes at once when it is whole again, the way of a whole brake in one step. It has to be connected anew. After this
-    process itself has stood still, it looks before it sends.
+    After a fault, or readings older than the loop tolerates, nothing more is sent, and the arm must be connected anew.
+    Others may move the arm then. And what is sent into a broken network arrives all at once when the network recovers:
+    a whole braking path in one step. If this process itself stood still, it reads before it sends.
 
     Args:
         name: of the arm.
-        topics: where it is found, and how it is commanded.
+        topics: where the arm is found, and how it is commanded.
 
     Raises:
-        InvalidInput: the arm publishes nothing, does not subscribe what it would be sent, is not enabled and homed, or
-            two publish its readings, or it names other joints than those of its dialect.
+        InvalidInput: the arm publishes nothing, does not subscribe to its commands, is not enabled and homed, is busy,
+            has joints that its dialect does not name, or has its readings published by two programs.
     """
 
     def __init__(self, name: str, topics: Topics):
@@ -86,15 +85,15 @@ class CrtkArm:
         self._sources |= {name: bus.subscriber(name, JointState) for name in dict.fromkeys(joints)}
         self._measured, self._setpoint = (self._sources[name] for name in joints[:2])
         self._jaw_measured, self._jaw_setpoint = (self._sources[name] for name in joints[2:])
-        keeping: Keeping = {} if raven else {"kept": 1}  # of increments each counts, of positions only the newest
+        keeping: Keeping = {} if raven else {"kept": 1}  # each increment counts, but only the newest position
         self._out = bus.publisher(f"{topic}/{command}", JointState, **keeping)
         self._jaw_out = None if raven else bus.publisher(f"{jaw}/{command}", JointState, **keeping)
         self._others = _commands(bus, topic, jaw, topics)
         self._sent: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
-        self._last, self._jaw_last = np.full(6, np.nan), np.nan  # where the arm has been sent
-        self.behind = False  # whether a Raven has not been sent all of its set-point yet
+        self._last, self._jaw_last = np.full(6, np.nan), np.nan  # the last set-point
+        self.behind = False  # whether a Raven's increments have not reached the set-point yet
         self._fault: ArmFault | None = None
-        self._cut, self._cut_s = False, float(topics.loop.get("stale_s", LoopSettings.stale_s))  # not heard of for long
+        self._cut, self._cut_s = False, float(topics.loop.get("stale_s", LoopSettings.stale_s))  # readings were too old
         self._alone_s = self._new_s = self._looked_s = time.monotonic()
         self._wait_for(topics, jaw, command)
         self._require_enabled()
@@ -109,7 +108,7 @@ class CrtkArm:
             self._take()
             senders.update(self._measured.sent_by)
             silent = [name for name, source in self._sources.items() if source.last is None]
-            deaf = [name for name, out in outs.items() if out.readers() < 2]  # one of ours looks for what others send
+            deaf = [name for name, out in outs.items() if out.readers() < 2]  # one reader is ours, in _others
             waited_s = time.monotonic() - begun_s
             if not (silent or deaf) and waited_s > LISTEN_S:
                 break
@@ -125,7 +124,7 @@ class CrtkArm:
             problem = f"has its readings published by {who}"
             raise InvalidInput(f"CRTK arm {self._name!r}", problem, f"end all but one that publish {topic}/measured_js")
         for source in self._others.values():
-            source.take()  # what others sent before this
+            source.take()  # forget what others sent before
 
     def _take(self) -> None:
         for source in self._sources.values():
@@ -141,14 +140,15 @@ class CrtkArm:
             raise InvalidInput(f"CRTK arm {self._name!r}", "is busy: a person or its controller moves it", remedy)
 
     def _taken_over(self, state: OperatingState | OldOperatingState) -> bool:
-        """Return whether a dVRK's arm moves by itself, or by its clutch button: both are "enabled", and busy.
+        """Return whether a dVRK's controller, or a person at the clutch, moves the arm, which is then enabled and busy.
 
-        It would take the next set-point all the same, out of the person's hand. Set-points make none busy, goals do.
+        The arm would still take the next set-point, out of the person's hand. Our own goals make it busy, too, but
+        set-points do not.
         """
         return self._dialect is Dialect.DVRK and self._command is Command.SERVO and state.is_busy
 
     def commanded(self) -> tuple[NDArray[np.float64], float]:
-        """Return what the arm's controller holds now."""
+        """Return the joints and jaw angle that the arm's controller holds now."""
         self._take()
         assert self._setpoint.last is not None and self._jaw_setpoint.last is not None
         q, jaw_rad = joints_in(self._dialect, self._setpoint.last), jaw_in(self._jaw_setpoint.last)
@@ -156,10 +156,11 @@ class CrtkArm:
         return q, jaw_rad
 
     def read(self) -> HardwareReading:
-        """Return what the encoders read, and how long ago it came.
+        """Return the encoders' reading, whose age counts from its arrival.
 
         Raises:
-            ArmFault: nobody publishes it any more, the arm is not enabled any more, or somebody else commands it.
+            ArmFault: readings ended or were too old, the arm is not enabled and homed any more, it does not hold what
+                it was sent, or somebody else commands it.
         """
         self._take()
         self._looked_s = time.monotonic()
@@ -172,7 +173,7 @@ class CrtkArm:
         return HardwareReading(q, jaw_rad, age_s)
 
     def _found(self, age_s: float) -> ArmFault | None:
-        """Return what is wrong."""
+        """Return what is wrong with the arm; None: nothing is."""
         for topic, source in self._others.items():
             foreign = [message for message in source.take() if _stamp(message) not in self._sent]
             if foreign:
@@ -192,7 +193,7 @@ class CrtkArm:
         return self._unheard()
 
     def _unfit(self) -> ArmFault | None:
-        """Return what its controller says is wrong."""
+        """Return what the arm's controller says is wrong; None: nothing is."""
         state = self._state.last
         assert state is not None
         if state.state != "ENABLED":
@@ -205,9 +206,9 @@ class CrtkArm:
         return None
 
     def _unheard(self) -> ArmFault | None:
-        """Return that the arm's controller does not hold what it was sent lately: it is lost on its way.
+        """Return a fault if the arm's controller does not hold the last set-point, which was then lost on its way.
 
-        Near the end of a motion its readings alone may not show it: they may be off by as much while it moves.
+        Near the end of a motion, the readings alone may not show this: a moving arm may lag behind by as much.
         """
         setpoint, jaw = self._setpoint, self._jaw_setpoint
         if self._dialect is Dialect.RAVEN or min(setpoint.at_s, jaw.at_s) < self._new_s + HEARD_S:
@@ -223,13 +224,13 @@ class CrtkArm:
         return None
 
     def send(self, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: float) -> None:
-        """Stream a set-point; goals, increments and jaws only when they change."""
+        """Send a set-point or a Raven's increment each tick, a goal or the jaws' angle only when it changes."""
         del velocity
         if time.monotonic() - self._looked_s > SILENT_S:
-            with suppress(ArmFault):  # others may have moved it meanwhile; kept for the next reading
+            with suppress(ArmFault):  # others may have moved the arm meanwhile; the next reading raises this again
                 self.read()
         if self._fault is not None or self._cut:
-            self.behind = False  # nobody waits for what is not sent any more
+            self.behind = False  # else the loop would wait for a set-point that is never sent
             return
         if (q != self._last).any() or jaw_rad != self._jaw_last:
             self._new_s = time.monotonic()
@@ -245,9 +246,9 @@ class CrtkArm:
             self._jaw_last = jaw_rad
 
     def _increment(self, q: NDArray[np.float64], jaw_rad: float) -> None:
-        """Send a Raven as much of the way as it takes, nothing too: it leaves joint control after ten silent ms."""
+        """Send a Raven the largest increment that it takes, or 0: after 10 silent ms it leaves joint control."""
         step = np.clip(q - self._last, -RAVEN_STEP, RAVEN_STEP)
-        left = 2 * (RAVEN_STEP[5] - abs(step[5]))  # the wrist's yaw takes part in both jaws' joints, and comes first
+        left = 2 * (RAVEN_STEP[5] - abs(step[5]))  # the wrist's yaw is part of both jaws' joints, and comes first
         jaw_step = float(np.clip(jaw_rad - self._jaw_last, -left, left))
         self._last, self._jaw_last = self._last + step, self._jaw_last + jaw_step
         self._publish(self._out, joint_names(self._dialect), as_positions(self._dialect, step, jaw_step))
@@ -281,5 +282,5 @@ def _stamp(message: Any) -> tuple[int, int]:
 
 
 def connect(name: str, topics: Topics) -> CrtkArm:
-    """Connect an arm; ``functools.partial(connect, topics=station.crtk)`` is what ``HardwareLaboratory`` takes."""
+    """Connect an arm; give ``HardwareLaboratory`` a ``functools.partial(connect, topics=station.crtk)``."""
     return CrtkArm(name, topics)

@@ -17,18 +17,18 @@ except ImportError:
     raise NotInstalled("CRTK", "cyclonedds", "crtk") from None
 
 KEPT_UNREAD = 1000
-"""Messages that a subscriber keeps until they are taken, if nothing else is said; beyond them the oldest are lost."""
+"""Number of untaken messages that a subscriber keeps by default; beyond it, the oldest are lost."""
 Message = TypeVar("Message")
 
 
 @dataclass(frozen=True)
 class Client:
-    """Who sends, as it says itself: ROS checks nobody's name.
+    """A sender, by its own account: ROS does not verify names.
 
     Attributes:
         node: its ROS name, such as ``/console``; empty if it has none.
         addresses: of its machine.
-        process: its number there; empty if unknown.
+        process: its id on that machine; empty if unknown.
     """
 
     node: str = ""
@@ -47,8 +47,8 @@ class Endpoint:
     Attributes:
         topic: such as ``/PSM1/servo_jp``.
         kind: its message, such as ``sensor_msgs/JointState``; empty if unknown.
-        publishes: it does; else it subscribes.
-        client: whose it is.
+        publishes: whether it is a publisher; else it is a subscriber.
+        client: that it belongs to.
     """
 
     topic: str
@@ -62,8 +62,8 @@ class Keeping(TypedDict, total=False):
 
     Attributes:
         latched: late readers get the last message.
-        kept_s: but not if it is older than this (ROS 1: never).
-        kept: so many messages, the newest, wait for a reader that is slow or away; else as many as is usual.
+        kept_s: a latched message that is older than this is not sent to late readers (ROS 1: none is).
+        kept: number of newest messages that wait for a reader that is slow or away; None: the usual number.
     """
 
     latched: bool
@@ -81,11 +81,11 @@ class Bus(Protocol):
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
     ) -> Subscriber[Message]:
-        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
+        """Return a subscriber of a topic that keeps the newest ``kept`` messages until they are taken."""
         ...
 
     def endpoints(self) -> list[Endpoint]:
-        """Return all publishers and subscribers, of every program, that have been met so far."""
+        """Return all publishers and subscribers, of every program, that have been discovered so far."""
         ...
 
     def client(self, sender: Hashable) -> Client:
@@ -102,7 +102,7 @@ class Publisher(ABC, Generic[Message]):
 
     @abstractmethod
     def readers(self) -> int:
-        """Return how many subscribe the topic."""
+        """Return the number of subscribers of the topic."""
 
 
 class Subscriber(ABC, Generic[Message]):
@@ -110,7 +110,7 @@ class Subscriber(ABC, Generic[Message]):
 
     Attributes:
         last: the newest message so far; None before the first.
-        at_s: the machine's monotonic clock when it came, or when it was taken if that is not known.
+        at_s: the machine's monotonic clock when ``last`` arrived, or was taken if its arrival is not known.
         sent_by: who sent each message of the last ``take``; ``Bus.client`` tells who that is.
     """
 

@@ -20,12 +20,12 @@ from trocar.perception.image import Image as Taken
 
 CONNECT_S = 5.0
 ANSWER_S = 5.0
-"""An image has to be here so long after it was asked for."""
+"""An image must arrive within this time of its request."""
 POLL_S = 0.002
 AHEAD_S = 0.05
 """A stamp may be this far in the future: some drivers stamp the end of an exposure that has begun."""
 KEPT = 3
-"""Images that wait to be taken; one of full size has nine megabytes."""
+"""Number of images that may wait to be taken; an image of full size has nine megabytes."""
 
 
 class ImageFault(Enum):
@@ -38,11 +38,11 @@ class ImageFault(Enum):
 
 
 class NoImage(TrocarError):
-    """A camera did not answer in time.
+    """A camera gave no valid image in time.
 
     Attributes:
         camera: name.
-        fault: why.
+        fault: what went wrong.
     """
 
     def __init__(self, camera: str, fault: ImageFault, detail: str, remedy: str):
@@ -64,7 +64,7 @@ class CrtkCamera:
         now_s: the cell's clock.
 
     Raises:
-        InvalidInput: it publishes no ``camera_info``, or that of another camera.
+        InvalidInput: it publishes no ``camera_info``, or one with another size of images.
     """
 
     def __init__(self, name: str, model: CameraModel, topics: Topics, now_s: Callable[[], float] = time.monotonic):
@@ -97,10 +97,10 @@ class CrtkCamera:
         """Ask for an image and return it, or a window of it, which is cut out here.
 
         Raises:
-            NoImage: none came in time.
+            NoImage: no valid image came in time.
             InvalidInput: the window leaves the image, or is of another kind of camera.
         """
-        read_out(self.model, window)  # one that is refused asks for no image
+        read_out(self.model, window)  # refuses a wrong window before an image is requested
         asked_s = time.time()
         self._trigger.send(Empty())
         first, second = await self._answer(asked_s)
@@ -111,7 +111,7 @@ class CrtkCamera:
         return cut_out(image, window)
 
     async def _answer(self, asked_s: float) -> tuple[Image, Image]:
-        """Return both parts of the first image that was exposed after a time of this machine's clock."""
+        """Return both parts of the first image exposed after ``asked_s``, a time of this machine's clock."""
         deadline_s = time.monotonic() + ANSWER_S
         while time.monotonic() < deadline_s:
             for came, part in zip(self._came, self._parts, strict=True):

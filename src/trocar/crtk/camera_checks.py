@@ -16,7 +16,7 @@ from trocar.lab.station import Station
 from trocar.lab.topics import Topics
 
 FOCAL_SHARE, CENTRE_PX = 0.01, 3.0
-"""A lens is calibrated anew now and then; by more than this it does not change."""
+"""A new calibration changes a lens by no more than this."""
 CLOCK_S, LATE_S = 0.02, 1.0
 
 
@@ -26,9 +26,9 @@ class CameraHeard:
 
     Attributes:
         camera: name.
-        station: where it stands.
-        topics: where it speaks.
-        heard: everything.
+        station: of the camera.
+        topics: of the station.
+        heard: everything that was heard.
     """
 
     camera: str
@@ -38,12 +38,12 @@ class CameraHeard:
 
     @cached_property
     def messages(self) -> dict[str, list[Message]]:
-        """Return what came of each topic."""
+        """Return the messages that came, by topic."""
         return {topic: list(self.heard.messages[topic]) for topic in shown_by(self.camera, self.station, self.topics)}
 
     @property
     def images(self) -> dict[str, list[Message]]:
-        """Return the images of each topic that came."""
+        """Return the images that came, by topic."""
         return {
             topic: messages
             for topic, messages in self.messages.items()
@@ -106,4 +106,4 @@ CAMERA = {
     "lens": ("the station's", lens),
     "images": (f"the station's size, {LATE_S:g} s after their stamps at most", images),
 }
-"""Checks by name, in the order in which they are made: what should be, and the test."""
+"""Checks by name, in the order in which they are made: the expected result in words, and the test."""

@@ -53,7 +53,7 @@ def seconds(stamp: Time) -> float:
 
 
 def place_of(message: PoseStamped | TransformStamped) -> SE3 | None:
-    """Return the transform of a message of either generation; None: it is none, such as one with NaN."""
+    """Return the transform of a message of either generation; None if it is not valid, such as one with NaN."""
     if isinstance(message, TransformStamped):
         place = message.transform.translation
         pose = Pose(Point(place.x, place.y, place.z), message.transform.rotation)

@@ -1,4 +1,4 @@
-"""How the arms of a dialect are named and typed: dVRK's of today, CRTK before 1.1, Raven II's."""
+"""Names and message types of arms in each dialect: today's dVRK, CRTK before 1.1, Raven II."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def joint_names(dialect: Dialect) -> tuple[str, ...]:
 
 
 def require_joints(dialect: Dialect, names: Sequence[str], who: str) -> tuple[str, ...]:
-    """Return the names of an arm's joints in the order in which its controller has them, which ignores names.
+    """Return the names of an arm's joints in the order of its controller, which ignores names in commands.
 
     Raises:
-        InvalidInput: they are others than the dialect's, so that nobody knows which is which.
+        InvalidInput: the names are not the dialect's, so the joints cannot be told apart.
     """
     expected, plain = joint_names(dialect), tuple(plain_name(dialect, name) for name in names)
     if not plain or plain == tuple(f"outer_{name}" for name in expected):  # dVRK 1.x
@@ -61,14 +61,14 @@ def jaw_topic(dialect: Dialect, topic: str) -> str:
 
 
 def command_of(topics: Topics) -> str:
-    """Return the topic below an arm's on which its joints are commanded: a Raven takes increments alone."""
+    """Return the topic, below the arm's namespace, that commands its joints: a Raven takes only increments."""
     return "servo_jr" if topics.dialect is Dialect.RAVEN else topics.command.value
 
 
 def held_topic(dialect: Dialect) -> str:
-    """Return where an arm, and its jaws, tell what their controller holds.
+    """Return the topic, below that of an arm or its jaws, that tells what the controller holds.
 
-    A Raven's ``setpoint_js`` repeats its last command, an increment, and nobody publishes that of its jaws.
+    A Raven's ``setpoint_js`` repeats its last command, an increment, and its jaws publish none.
     """
     return "measured_js" if dialect is Dialect.RAVEN else "setpoint_js"
 
@@ -87,12 +87,12 @@ def joints_in(dialect: Dialect, message: JointState) -> NDArray[np.float64]:
 
 
 def jaw_in(message: JointState) -> float:
-    """Return the opening in a message of the jaws; a Raven's has each jaw's joint after it. NaN: not available."""
+    """Return the opening in a message of the jaws, its first position; NaN where CRTK says "not available"."""
     return float(message.position[0]) if message.position and message.header.stamp.sec else float("nan")
 
 
 def as_positions(dialect: Dialect, q: Sequence[float] | NDArray[np.float64], jaw_rad: float) -> list[float]:
-    """Return the positions in an arm's message: six joints, or a Raven's seven, in which the jaws are contained."""
+    """Return the positions in an arm's message: six joints, or a Raven's seven, which include the jaws."""
     values = np.asarray(q, dtype=np.float64).tolist()
     if dialect is Dialect.RAVEN:
         return [*values[:5], jaw_rad / 2 - values[5], jaw_rad / 2 + values[5]]

@@ -14,11 +14,11 @@ from trocar.lab.station import Station
 from trocar.lab.topics import Topics
 
 ARM = WIRE | MOTION
-"""Checks of an arm by name: what should be, and the test."""
+"""Checks of an arm by name: the expected result in words, and the test."""
 
 
 class Verdict(Enum):
-    """What a check says."""
+    """Outcome of a check."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -32,10 +32,10 @@ class Check:
     Attributes:
         of: arm or camera.
         name: of the check.
-        verdict: what it says.
-        found: value, or why it cannot be made.
-        bound: what it should be.
-        remedy: what to do, if it failed.
+        verdict: outcome.
+        found: value, or why the check cannot be made.
+        bound: what the value should be.
+        remedy: what to do, if the check failed.
     """
 
     of: str
@@ -50,7 +50,7 @@ class Check:
 
 
 def examine_arm(heard: Heard, station: Station, topics: Topics, arm: str) -> list[Check]:
-    """Return all checks of an arm; those that another one's failure makes pointless are not applicable."""
+    """Return all checks of an arm; a check is not applicable if the failure of another makes it pointless."""
     about, found = ArmHeard(arm, station, topics, heard), []
     for name, (bound, test) in ARM.items():
         found.append(_check(arm, name, bound, test(about)))

@@ -1,4 +1,4 @@
-"""Why a pose that an arm publishes is not that of its joints: units, order, the tip, or the frame."""
+"""Explain why a pose that an arm publishes is not that of its joints: units, order, the tip, or the frame."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from trocar.hardware.laboratory import registered
 from trocar.lab.station import Station
 
 POSE_M, POSE_RAD = 2e-3, 0.02
-"""A pose that is this near to another is the same: models of one instrument differ by less."""
+"""Poses this close to each other count as equal: models of one instrument differ by less."""
 FRAME_M, FRAME_RAD = 10e-3, 0.05
-"""So is one in the world: a base is registered anew in each session."""
+"""Likewise for poses in the world, where more is allowed: a base is registered anew in each session."""
 TOOL_M = 0.05
-"""A point of the tool is no farther from its tip."""
+"""Greatest distance of a point of the tool from its tip."""
 SAMPLES = 20
 FACTORS = (1.0, 1e3, 10.0)
-"""How much too large lengths may be: m, mm, and an early simulator's ten."""
+"""Factors by which lengths may be too large: none (m), mm, and the ten of an early simulator."""
 
 
 class Cause(Enum):
-    """What explains the poses."""
+    """The mistake that explains the poses."""
 
     NONE = "nothing has to be explained"
     TIP = "the poses are of another point of the tool's axis"
@@ -39,13 +39,13 @@ class Cause(Enum):
 
 @dataclass(frozen=True)
 class Explanation:
-    """What poses and joints have to do with each other.
+    """How poses differ from those of the joints, and why.
 
     Attributes:
-        cause: of their difference.
+        cause: of the difference.
         detail: the same in words, with its value.
-        off_m: greatest distance of the poses from those of the joints, as they came.
-        off_rad: likewise of their rotations.
+        off_m: greatest distance of the received poses from those of the received joints.
+        off_rad: likewise, the greatest angle between their rotations.
     """
 
     cause: Cause
@@ -59,8 +59,8 @@ def explain(model: ArmModel, q: NDArray[np.float64], T_base_tip: SE3) -> Explana
 
     Args:
         model: of the arm.
-        q: (n, 6) joints, as they came.
-        T_base_tip: (n,) poses of the same moments, in the arm's base, as they came.
+        q: (n, 6) joints, as received.
+        T_base_tip: (n,) poses of the same moments, in the arm's base, as received.
     """
     some = np.unique(np.linspace(0, len(q) - 1, SAMPLES).astype(int))
     q, T = q[some], T_base_tip[some]
@@ -108,24 +108,24 @@ def _shrunk(T: SE3, factor: float) -> SE3:
 
 
 def apart(a: SE3, b: SE3) -> tuple[float, float]:
-    """Return the greatest distance (m) and angle (rad) between poses (n,) of two lists."""
+    """Return the greatest distance (m) and angle (rad) between poses (n,) and their counterparts (n,)."""
     D = a.inverse() @ b
     return float(np.linalg.norm(D.translation_m, axis=-1).max()), float(D.rotation.angle().max())
 
 
 def near(off_m: float, off_rad: float, within_m: float = POSE_M, within_rad: float = POSE_RAD) -> bool:
-    """Return whether a distance and an angle count as none."""
+    """Return whether a distance and an angle are within tolerance."""
     return off_m <= within_m and off_rad <= within_rad
 
 
 def frame_of(station: Station, arm: str, T_base_tip: SE3, T: SE3) -> str | None:
-    """Return in which frame other than the station's world poses are, in words; None: in none that is known.
+    """Return the frame of poses that are not in the station's world, in words; None: no known frame.
 
     Args:
         station: of the arm.
         arm: name.
         T_base_tip: (n,) poses in the arm's base.
-        T: (n,) poses of the same moments, in the frame that is looked for.
+        T: (n,) poses of the same moments, in the unknown frame.
     """
     T_world_base = {name: registered(one) for name, one in station.arms.items()}
     T_world_tip = T_world_base[arm] @ T_base_tip

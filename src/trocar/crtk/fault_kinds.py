@@ -1,4 +1,4 @@
-"""Kinds of faults of a served robot: mistakes of real set-ups, each as what it does to the messages."""
+"""Kinds of faults of a served robot: mistakes of real set-ups, each as a change of the messages."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from trocar.geometry import SE3, SO3
 from trocar.lab.station import Station, StationArm
 
 GLITCH_S = 0.5
-"""An encoder's glitches are so far apart."""
+"""Time between an encoder's glitches."""
 GLITCH_RAD = 0.3
 BEYOND = 0.1
 """How far beyond its range a set-point is, as a share of the range."""
 Value = float | str | None
 Change = Callable[[Any], Any]
-"""Returns what is published instead of a message; None: nothing."""
+"""Returns what is published instead of a message; None: nothing is."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class Place:
     Attributes:
         what: topic below the arm's namespace, such as ``measured_js``.
         value: how large the fault is.
-        arm: that has it.
-        station: where it stands.
+        arm: that has the fault.
+        station: of the arm.
     """
 
     what: str
@@ -64,11 +64,11 @@ class Kind:
     Attributes:
         about: what goes wrong.
         found_by: the check of ``trocar crtk doctor`` that finds it.
-        value: how large it is, if nothing is said; None: it has no size.
-        change: what it does to the messages of a topic.
-        delay_s: how much later than it should a message is published.
-        kinds: message types that are published as others, each with how one becomes the other.
-        from_the_start: it cannot begin later.
+        value: default size of the fault; None: it has no size.
+        change: returns the change of a topic's messages.
+        delay_s: returns the delay of a message.
+        kinds: message types that are published as another type, with that type and the conversion.
+        from_the_start: whether the fault cannot begin later than the server.
     """
 
     about: str
@@ -119,7 +119,7 @@ def _clock(place: Place) -> Change:
 
 
 def _positions(place: Place, change: Callable[[list[float]], list[float]], what: str = "_js") -> Change:
-    """Return a change of the joints' positions in topics whose names end so."""
+    """Return a change of the joints' positions in topics whose names end in ``what``."""
     if not (place.of_joints and place.what.endswith(what)):
         return lambda message: message
     return lambda message: replace(message, position=change(list(message.position)))
@@ -143,7 +143,7 @@ def _degrees(place: Place) -> Change:
 
 
 def _scaled(place: Place, factor: float) -> Change:
-    """Return a change of all lengths: of joints that slide, and of poses."""
+    """Return a change of all lengths: of prismatic joints, and of poses."""
     joints = place.arm.model.joints
     slid = _positions(place, lambda q: [factor * v if j.prismatic else v for j, v in zip(joints, q, strict=True)])
     placed = _poses(lambda T: SE3.from_parts(T.rotation, factor * T.translation_m))
@@ -166,7 +166,7 @@ def _in_base(place: Place) -> Change:
 
 
 def _in_view(place: Place) -> Change:
-    """Return a change to an endoscope's view: x left, y up, z away."""
+    """Return a change of poses to the frame of an endoscope's view: x left, y up, z away."""
     cameras = [camera.T_world_camera for camera in place.station.cameras.values()]
     T_view_world = ((cameras or [SE3.identity()])[0] @ SE3.from_parts(SO3.axis("z", math.pi))).inverse()
     return _unless_local(place, _poses(lambda T: T_view_world @ T))
@@ -177,7 +177,7 @@ def _unless_local(place: Place, change: Change) -> Change:
 
 
 def _offset(place: Place) -> Change:
-    """Return a change of all that is measured by an encoder of the first joint that is off."""
+    """Return a change of all measured topics by an offset of the first joint's encoder."""
     if "measured" not in place.what:
         return lambda message: message
     model, off = place.arm.model, np.array([place.value, *np.zeros(5)])
@@ -272,7 +272,7 @@ KINDS: Mapping[str, Kind] = {
 
 
 def shifted(header: Header, by_s: float) -> Header:
-    """Return a header whose stamp, if it is valid, is later."""
+    """Return a header with its stamp shifted by ``by_s``, unless the stamp is 0, which is not valid."""
     if header.stamp.sec == 0:
         return header
     sec, ns = divmod(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec + round(1e9 * by_s), 1_000_000_000)

@@ -1,4 +1,4 @@
-"""Faults of a served robot, on demand, to try clients and the doctor with."""
+"""Plant faults in a served robot, to try clients and the doctor with."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def fault_of(text: str, arms: Sequence[str]) -> Fault:
     """Return the fault that ``ARM:KIND[=VALUE][@TIMEs]`` says, such as ``psm1:slow=5@20s``.
 
     Raises:
-        InvalidInput: it says none.
+        InvalidInput: the text names no fault that can be planted.
     """
     item = f"--fault {text!r}"
     arm, colon, rest = text.partition(":")
@@ -83,7 +83,7 @@ class FaultyBus:
         faults: to plant.
         station: whose arms are served.
         topics: their namespaces.
-        clock: s.
+        clock: returns the time, s.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class FaultyBus:
         copies = 2 if any(fault.kind == "twice" for fault in faults) else 1
         publishers = [self._bus.publisher(topic, sent_as, **keeping) for _ in range(copies)]
         faulty = _Faulty(publishers, planted, self._now_s)
-        if latched:  # what is published once is published again when a fault begins
+        if latched:  # such a topic may be published only once, so it is repeated when a fault begins
             self._begins += [(fault.at_s, faulty) for fault in faults if fault.at_s]
             self._begins.sort(key=lambda one: one[0])
         return faulty
@@ -135,7 +135,7 @@ class FaultyBus:
         return self._bus.client(sender)
 
     def _now_s(self) -> float:
-        """Return the time since the start; what begins now begins."""
+        """Return the time since the start; first repeat the latched topics of faults that begin now."""
         now_s = self._clock() - self._start_s
         while self._begins and self._begins[0][0] <= now_s:
             self._begins.pop(0)[1].repeat()
@@ -150,7 +150,7 @@ class FaultyBus:
         return None, topic
 
     def _swapped(self, topic: str) -> str:
-        """Return the topic that an arm has in its stead: that of the next arm, if they are swapped."""
+        """Return the topic to use instead: that of the other arm, if the arm is one of two that are swapped."""
         arm, what = self.arm_of(topic)
         arms = list(self._station.arms)
         for fault in self._faults:

@@ -1,4 +1,4 @@
-"""One arm as it was heard, as numbers, for the checks of the doctor."""
+"""What was heard of one arm, as arrays, for the checks of ``trocar crtk doctor``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from trocar.lab.topics import Topics
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check has found: whether it is well (None: it cannot be told), the value, and what to do."""
+    """Result of a check: whether all is well (None: the check cannot tell), the value found, and the remedy."""
 
     well: bool | None
     found: str
@@ -30,14 +30,14 @@ class Finding:
 
 @dataclass
 class ArmHeard:
-    """What was heard of one arm, as numbers.
+    """What was heard of one arm, as arrays.
 
     Attributes:
         arm: name.
-        station: where it stands.
-        topics: where it speaks.
-        heard: everything.
-        failed: checks before this one that did not pass.
+        station: of the arm.
+        topics: of the station.
+        heard: everything that was heard.
+        failed: names of the checks so far that did not pass.
     """
 
     arm: str
@@ -53,18 +53,18 @@ class ArmHeard:
 
     @cached_property
     def wanted(self) -> Mapping[str, Wanted]:
-        """Return what it should publish."""
+        """Return the topics that the arm should publish."""
         return published_by(self.arm, self.topics)
 
     @cached_property
     def streams(self) -> dict[str, list[Message]]:
-        """Return what came of each topic that is published all the time, unless nothing did."""
+        """Return the messages of each topic that is not latched, if at least two came."""
         found = {topic: list(self.heard.messages[topic]) for topic, one in self.wanted.items() if not one.latched}
         return {topic: messages for topic, messages in found.items() if len(messages) > 1}
 
     @cached_property
     def ages(self) -> dict[str, NDArray[np.float64]]:
-        """Return how long after its stamp each message came that was found at once, s."""
+        """Return the times (s) from stamp to arrival, by topic, without messages that may have waited unseen."""
         return {
             topic: np.array(
                 [at_s - seconds(one.header.stamp) for at_s, one in messages if at_s not in self.heard.blind_s]
@@ -78,14 +78,14 @@ class ArmHeard:
         return messages[-1][1] if messages else None
 
     def joints(self, what: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return stamps (n,) and joints (n, 6) of the messages of a topic that are valid and finite."""
+        """Return stamps (n,), s, and joints (n, 6) of a topic's messages that are valid and finite."""
         messages = [message for _, message in self.streams.get(f"{self.topic}/{what}", [])]
         rows = [(seconds(one.header.stamp), joints_in(self.topics.dialect, one)) for one in messages]
         rows = [(stamp_s, q) for stamp_s, q in rows if np.isfinite(q).all()]
         return np.array([stamp_s for stamp_s, _ in rows]), np.array([q for _, q in rows]).reshape(-1, 6)
 
     def poses(self, what: str) -> tuple[NDArray[np.float64], SE3]:
-        """Return stamps (n,) and poses (n,) of the messages of a topic that are valid."""
+        """Return stamps (n,), s, and poses (n,) of a topic's valid messages."""
         messages = [message for _, message in self.streams.get(f"{self.topic}/{what}", [])]
         rows = [(seconds(one.header.stamp), T) for one in messages if (T := place_of(one)) is not None]
         matrices = np.array([T.matrix for _, T in rows]).reshape(-1, 4, 4)
@@ -93,7 +93,7 @@ class ArmHeard:
 
     @cached_property
     def explained(self) -> Explanation | None:
-        """Return what the arm's poses have to do with its joints; None: there is nothing to compare."""
+        """Return how the arm's poses differ from those of its joints, and why; None: there is nothing to compare."""
         stamps_s, q = self.joints("measured_js")
         at_s, T = self.poses("local/measured_cp")
         if len(stamps_s) == 0 or len(at_s) == 0 or "finite" in self.failed:
@@ -102,6 +102,6 @@ class ArmHeard:
         return explain(self.station.arms[self.arm].model, at, T)
 
     def after(self, *names: str) -> Finding | None:
-        """Return why a check cannot be made if one of these did not pass."""
+        """Return why a check cannot be made, if one of these earlier checks did not pass."""
         wrong = [name for name in names if name in self.failed]
         return Finding(None, f"cannot be told: see {wrong[0]}") if wrong else None

@@ -1,4 +1,4 @@
-"""Images as ROS cameras publish them: their messages made and read, and windows cut out of them."""
+"""Images as ROS cameras publish them: make and read their messages, and cut windows out of images."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLORS = [encoding for encoding, (kind, *_) in ENCODINGS.items() if kind == "u1"
 
 
 def parts_of(model: CameraModel) -> tuple[str, str]:
-    """Return the topics below a camera's of both parts of its images, the one with its lens first."""
+    """Return the topics, below a camera's namespace, of both parts of its images; the first has the lens."""
     return ("left", "right") if isinstance(model, StereoRig) else ("color", "depth")
 
 
@@ -64,7 +64,7 @@ def color_of(message: Image, item: str = "an image") -> NDArray[np.uint8]:
     """Return the colours (height, width, 3) RGB of a message.
 
     Raises:
-        InvalidInput: they are of a kind that is not known here.
+        InvalidInput: their encoding is not supported.
     """
     if message.encoding not in COLORS:
         raise InvalidInput(item, f"is of encoding {message.encoding!r}", f"publish one of {', '.join(COLORS)}")
@@ -76,7 +76,7 @@ def depth_of(message: Image, item: str = "an image") -> NDArray[np.float32]:
     """Return the depth (height, width) in m of a message, NaN where there is none.
 
     Raises:
-        InvalidInput: it is of a kind that is not known here.
+        InvalidInput: its encoding is not supported.
     """
     if message.encoding not in ("32FC1", "16UC1"):
         problem = f"has depth of encoding {message.encoding!r}"

@@ -35,7 +35,7 @@ def laboratory(station: Station, listener: Callable[[Mapping[str, object]], None
 
 
 def loop_settings(topics: Topics) -> LoopSettings:
-    """Return what the loop tolerates, as the station's table ``crtk.loop`` says; a Raven's ticks are shorter.
+    """Return the loop's settings, as the station's table ``crtk.loop`` has them; a Raven's ticks are shorter.
 
     Raises:
         InvalidInput: it has no such setting, or the value is out of bounds.

@@ -18,10 +18,10 @@ from trocar.lab.topics import Dialect, Topics
 
 POLL_S = 0.001
 BLIND_S = 0.015
-"""What is found after so long without a look may have come long before."""
+"""A message that is found after this long without a look may have come long before."""
 KEPT_IMAGES = 3
 Message = tuple[float, Any]
-"""When it came on the machine's clock, s since 1970, and the message."""
+"""Time of arrival on the machine's clock, s since 1970, and the message."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Wanted:
     Attributes:
         kind: of its messages.
         latched: late readers get the last message.
-        needed: every robot has it; else one of another dialect may lack it.
-        kept: messages that wait to be taken.
+        needed: every robot has it; else robots of other dialects may lack it.
+        kept: number of messages that may wait to be taken.
     """
 
     kind: type
@@ -53,7 +53,7 @@ def published_by(arm: str, topics: Topics) -> dict[str, Wanted]:
 
 
 def heard_by(arm: str, topics: Topics) -> dict[str, type]:
-    """Return the commands that an arm has to take from the loop that drives it, by their full topics."""
+    """Return the message types of the commands that an arm must take from its loop, by full topic."""
     topic, raven = topics.of_arm(arm), topics.dialect is Dialect.RAVEN
     kinds: dict[str, type] = {f"{topic}/{command_of(topics)}": JointState}
     if raven:  # its jaws' joints are among the arm's
@@ -63,7 +63,7 @@ def heard_by(arm: str, topics: Topics) -> dict[str, type]:
 
 
 def moving(arm: str, topics: Topics) -> tuple[str, ...]:
-    """Return the beginnings of all topics that move an arm."""
+    """Return the prefixes of all topics that move an arm."""
     topic = topics.of_arm(arm)
     places = (topic, jaw_topic(topics.dialect, topic))
     return tuple(f"{place}/{verb}" for place in places for verb in ("servo_", "move_"))
@@ -83,9 +83,9 @@ class Heard:
     Attributes:
         messages: of each topic, in the order in which they came.
         endpoints: publishers and subscribers that were there.
-        pause_s: longest time for which others held the listener up, its own work not counted.
-        blind_s: for how long it had not looked, by when it then did, where that was long: what it found then came
-            within that time.
+        pause_s: longest time for which other programs held the listener up; its own work does not count.
+        blind_s: after a long time without a look: this time, by when the listener looked again. Messages that it found
+            then came at some moment within this time.
     """
 
     messages: Mapping[str, Sequence[Message]]
@@ -95,14 +95,14 @@ class Heard:
 
 
 class Listener:
-    """Subscribes what arms and cameras publish; it never publishes anything.
+    """Subscribes to what arms and cameras publish; never publishes anything.
 
     Args:
         bus: to listen on.
         station: of the robot.
-        topics: where its arms and cameras speak.
-        arms: of these arms.
-        cameras: of these cameras.
+        topics: of its arms and cameras.
+        arms: names of the arms to listen to.
+        cameras: names of the cameras to listen to.
     """
 
     def __init__(self, bus: Bus, station: Station, topics: Topics, arms: Sequence[str], cameras: Sequence[str] = ()):
@@ -116,11 +116,11 @@ class Listener:
         self._last_s, self._pause_s, self._blind_s = -math.inf, 0.0, dict[float, float]()
 
     def take(self, now_s: float, pause_s: float = 0.0) -> None:
-        """Take what has come.
+        """Take the messages that have come.
 
         Args:
             now_s: the machine's clock, s since 1970.
-            pause_s: for how long others have held the listener up since the last time.
+            pause_s: time for which other programs have held the listener up since the last call.
         """
         self._pause_s = max(self._pause_s, pause_s)
         if now_s - self._last_s > BLIND_S:
@@ -137,7 +137,7 @@ class Listener:
 def listen(listener: Listener, seconds: float) -> Heard:
     """Listen for a time."""
     end_s, pause_s = time.monotonic() + seconds, 0.0
-    gc.disable()  # to look through what has been heard takes a tenth of a second each time
+    gc.disable()  # each collection would scan all that was heard, for a tenth of a second
     try:
         while (began_s := time.monotonic()) < end_s:
             worked_s = time.process_time()

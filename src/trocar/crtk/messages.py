@@ -32,7 +32,7 @@ class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
 
 @dataclass
 class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
-    """When, and in which frame."""
+    """Time stamp and frame."""
 
     stamp: Time = field(default_factory=Time)
     frame_id: str = ""
@@ -40,7 +40,7 @@ class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
 
 @dataclass
 class JointState(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
-    """Joints in SI units; an empty list means that it is not available."""
+    """Joints in SI units; an empty list means that its values are not available."""
 
     header: Header = field(default_factory=Header)
     name: sequence[str] = field(default_factory=list)
@@ -51,7 +51,7 @@ class JointState(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
 
 @dataclass
 class Point(IdlStruct, typename="geometry_msgs.msg.dds_.Point_"):
-    """A place, m."""
+    """A position, m."""
 
     x: float64 = 0.0
     y: float64 = 0.0
@@ -60,7 +60,7 @@ class Point(IdlStruct, typename="geometry_msgs.msg.dds_.Point_"):
 
 @dataclass
 class Quaternion(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):
-    """A rotation, the scalar last."""
+    """A rotation as a quaternion, scalar last."""
 
     x: float64 = 0.0
     y: float64 = 0.0
@@ -70,7 +70,7 @@ class Quaternion(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):
 
 @dataclass
 class Pose(IdlStruct, typename="geometry_msgs.msg.dds_.Pose_"):
-    """A place and a rotation."""
+    """A position and a rotation."""
 
     position: Point = field(default_factory=Point)
     orientation: Quaternion = field(default_factory=Quaternion)
@@ -127,7 +127,7 @@ class WrenchStamped(IdlStruct, typename="geometry_msgs.msg.dds_.WrenchStamped_")
 
 @dataclass
 class MultiArrayDimension(IdlStruct, typename="std_msgs.msg.dds_.MultiArrayDimension_"):
-    """One dimension of an array; the stride counts the numbers of it and of those after it."""
+    """One dimension of an array; its stride is the number of values in it and in the dimensions after it."""
 
     label: str = ""
     size: uint32 = 0
@@ -184,7 +184,7 @@ class OperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.OperatingState_"):
 
 @dataclass
 class IntervalStatistics(IdlStruct, typename="cisst_msgs.msg.dds_.IntervalStatistics_"):
-    """Periods, and the time worked in each, s; an overrun works longer than the mean period before."""
+    """Periods and computing times of ticks, s; an overrun computes longer than the mean period before."""
 
     header: Header = field(default_factory=Header)
     period_avg: float64 = 0.0
@@ -203,7 +203,7 @@ class IntervalStatistics(IdlStruct, typename="cisst_msgs.msg.dds_.IntervalStatis
 
 @dataclass
 class OldOperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.operating_state_"):
-    """The same before CRTK 1.1, which renamed it."""
+    """``OperatingState`` before CRTK 1.1, which renamed it."""
 
     header: Header = field(default_factory=Header)
     state: str = ""
@@ -294,4 +294,4 @@ EFFORTS: dict[str, type] = {
     **dict.fromkeys(("use_gravity_compensation", "body/set_cf_orientation_absolute"), Bool),
     "free": Empty,
 }
-"""Topics below an arm's that drive it by efforts."""
+"""Topics, below an arm's namespace, that drive it by efforts."""

@@ -14,9 +14,9 @@ from trocar.hardware.arm import DrivenArm, LoopSettings
 from trocar.hardware.laboratory import registered
 
 RANGE_SHARE, JAW_RAD = 5e-3, 0.02
-"""How far beyond its range a joint may read, as a share of the range; and jaws."""
+"""How far readings may be outside their range: of a joint, as a share of the range; of the jaws."""
 SPEED_SHARE = 2.0
-"""How much faster than the greatest speed of its controller a joint may seem to be."""
+"""Share of its greatest speed with which a joint may seem to move."""
 REST = 1e-4
 """rad, m: an arm whose set-points differ by less is at rest."""
 STATES = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
@@ -36,7 +36,7 @@ def state(about: ArmHeard) -> Finding:
 
 
 def busy(about: ArmHeard) -> Finding:
-    """Judge whether an arm at rest says so."""
+    """Judge whether an arm at rest says that it is not busy."""
     last, (_, q) = about.last("operating_state"), about.joints("setpoint_js")
     if last is None or len(q) == 0:
         return Finding(None, "state or set-point did not come")
@@ -150,7 +150,7 @@ def ranges(about: ArmHeard) -> Finding:
 
 
 def speeds(about: ArmHeard) -> Finding:
-    """Judge whether the joints' readings can be those of a motion."""
+    """Judge whether the joints' readings change no faster than a joint can move."""
     if blocked := about.after("stamps"):
         return blocked
     at_s, q = about.joints("measured_js")
@@ -169,7 +169,7 @@ def speeds(about: ArmHeard) -> Finding:
 
 
 def following(about: ArmHeard) -> Finding:
-    """Judge whether the joints are where they were commanded to be, a little ago."""
+    """Judge whether the joints follow their set-points as closely as the loop requires."""
     if blocked := about.after("finite", "stamps", "units", "order", "ranges", "speeds"):
         return blocked
     (at_s, q), (set_s, sent) = about.joints("measured_js"), about.joints("setpoint_js")
@@ -222,4 +222,4 @@ MOTION = {
         following,
     ),
 }
-"""Checks by name, in the order in which they are made: what should be, and the test."""
+"""Checks by name, in the order in which they are made: the expected result in words, and the test."""

@@ -1,4 +1,4 @@
-"""How regularly a served cell's ticks come, as a da Vinci Research Kit tells it of its arms."""
+"""How regularly a served cell's ticks come, published as a da Vinci Research Kit does for its arms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EVERY_S = 1.0
 
 
 class Periods:
-    """Tells of the ticks of each second on ``period_statistics`` of each arm.
+    """Publishes statistics of each second's ticks on ``period_statistics`` of each arm.
 
     Args:
         bus: where to publish.
@@ -30,7 +30,7 @@ class Periods:
 
     @contextmanager
     def tick(self) -> Iterator[None]:
-        """Measure what is done in one tick."""
+        """Measure the period of a tick, and the time that the block takes."""
         began_s = time.perf_counter()
         yield
         if self._last_s is not None:
@@ -41,7 +41,7 @@ class Periods:
             self._ticks.clear()
 
     def _tell(self, ticks: np.ndarray) -> None:
-        """Publish the mean, deviation and range of periods and of the time that was worked in them, (n, 2), s."""
+        """Publish the mean, deviation and range of periods and computing times, (n, 2), s."""
         figures = np.stack([ticks.mean(axis=0), ticks.std(axis=0), ticks.min(axis=0), ticks.max(axis=0)], axis=1)
         overruns = int((ticks[:, 1] > self._usual_s).sum())
         self._usual_s = figures[0, 0]

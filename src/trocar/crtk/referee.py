@@ -20,10 +20,10 @@ from trocar.lab.session import draw_session
 
 @dataclass(frozen=True, eq=False)
 class ServedRun(RunConfig):
-    """The configuration of trials that are played by other programs: sessions and scenes are those of its seed."""
+    """Configuration of trials that other programs play; sessions and scenes follow from the seed."""
 
     def about(self) -> dict[str, Any]:
-        """Return what distinguishes this run from others; of what plays it, nothing is known."""
+        """Return what distinguishes this run from others; the program that plays it is unknown."""
         unknown = {"method": CLIENT, "planner": "", "perception": "", "set": []}
         return {**super().about(), **unknown, "model": None, "calibration": None, "prior": None}
 
@@ -37,7 +37,7 @@ class Referee:
         seed: of the run.
         session: number of the session, as in ``trocar run`` with this seed.
         trial: number of the trial in it.
-        out: folder of the run, in which trials of other numbers may lie.
+        out: folder of the run, which may contain trials of other numbers.
 
     Attributes:
         path: of the trial's file.

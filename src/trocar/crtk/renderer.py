@@ -24,22 +24,22 @@ from trocar.sim.cameras import CameraRenderer
 from trocar.sim.world import WorldCopy
 
 PRIORITY = 1
-"""Behind the arms, before everything ordinary: a real camera does not wait for the computer of its user."""
+"""Real-time priority, below the arms' and above ordinary processes: a real camera waits for no program of a user."""
 NICE = 5
-"""Where that is not permitted, this is added to the process's niceness, because the arms come first."""
+"""Added to the process's niceness where real-time priority is not permitted, because the arms come first."""
 QUIET_S = 0.3
-"""When nothing has been asked for so long, kept images are packed."""
+"""Kept images are packed after this long without a request."""
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """What is asked of the process: an image of the cell in one state.
+    """A request for an image of the cell in one state.
 
     Attributes:
         camera: name.
         header: of its messages: the time of the exposure.
         state: of the physics.
-        kept: it was triggered, so it is kept for the trial's file; else it is published if anybody subscribes.
+        kept: a trigger asked for it, so it is kept for the trial's file; else it is made only if anybody subscribes.
     """
 
     camera: str
@@ -54,7 +54,7 @@ class Studio:
 
     Attributes:
         renderers: of the cameras by name, all of one world.
-        noise: of the sensors, drawn by images that are kept.
+        noise: random numbers for the sensor noise of images that are kept.
         topics: where to publish.
     """
 
@@ -66,7 +66,7 @@ class Studio:
 def render_for_ever(studio: Studio, asked: Connection) -> None:
     """Publish an image for each exposure, and answer it with True; answer None with the files of all kept images."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # whoever is served may still want an image; it ends with its parent
+        signal.signal(number, signal.SIG_IGN)  # clients may still want an image; this process ends with its parent
     lens = next(iter(studio.renderers.values())).lenses[0]
     copy, free = WorldCopy(lens.model), np.random.default_rng(0)
     for renderer in studio.renderers.values():
@@ -109,7 +109,7 @@ class CameraTopics:
         self._send_infos(Header())
 
     def wanted(self) -> bool:
-        """Return whether anybody subscribes an image."""
+        """Return whether anybody subscribes to an image."""
         return any(publisher.readers() for publisher in self._images)
 
     def publish(self, image: Taken, header: Header) -> None:
@@ -141,14 +141,14 @@ class Kept:
         self.waiting.append((camera, image))
 
     def pack(self) -> None:
-        """Pack the first that waits."""
+        """Pack the first image that waits."""
         camera, image = self.waiting.popleft()
         files = image_files(f"{camera}_{len(self._taken[camera]):03d}", image)
         self._blobs |= files
         self._taken[camera].append((round(image.time_s, 6), next(iter(files))))
 
     def files(self) -> Files:
-        """Return all of them."""
+        """Return all kept images as files."""
         while self.waiting:
             self.pack()
         return self._blobs, self._taken

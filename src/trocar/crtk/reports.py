@@ -1,4 +1,4 @@
-"""What one arm of a simulated cell publishes: all that a da Vinci Research Kit's PSM does (2.4) and a client reads."""
+"""What one arm of a simulated cell publishes: all topics of a da Vinci Research Kit's PSM (2.4) that clients read."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ KINDS: dict[str, type] = {
     **dict.fromkeys(("body/measured_cf", "spatial/measured_cf"), WrenchStamped),
     **dict.fromkeys(("body/jacobian", "spatial/jacobian"), Float64MultiArray),
 }
-"""Topics that are published each tick, if anybody subscribes them."""
+"""Topics that are published each tick, if anybody subscribes to them."""
 STATE_KEPT_S = 0.1
-"""A late reader of the state does not get an old one, but one that is published for it: clients act on it at once, and
-must have heard of the joints by then."""
+"""A late reader of the state does not get one that is older, but a new one: clients act on it at once, and must have
+received joints by then."""
 
 
 class ArmReport:
     """The topics that one arm publishes.
 
     Cartesian topics are of the tip, in the frame that each names: the station's world as registration found it, the
-    arm's base (``local/``), or the tip itself (``body/``). The simulated arm knows no efforts: those of the joints are
-    empty and the wrenches have the stamp 0, CRTK's ways to say so.
+    arm's base (``local/``), or the tip itself (``body/``). The simulated arm knows no efforts. So the joints' efforts
+    are empty and wrenches have the stamp 0, as CRTK marks what is not available.
 
     Args:
         model: of the arm.
@@ -74,7 +74,7 @@ class ArmReport:
         return self._readers > before
 
     def ratio(self, ratio: float) -> None:
-        """Publish which share of its limits the arm's own motions use."""
+        """Publish the share of its limits that the arm's own motions use."""
         self._ratio.send(Float64(ratio))
 
     def tick(self, now_s: float, name: str, driver: Driver, goal: NDArray[np.float64]) -> None:
@@ -120,7 +120,7 @@ class ArmReport:
             publisher.send(message())
 
     def _velocity(self, reading: JointReading) -> NDArray[np.float64]:
-        """Return how fast the joints (6,) moved since the reading before."""
+        """Return the joints' mean velocity (6,) since the last reading."""
         last, self._last = self._last, reading
         if last is None or last.time_s >= reading.time_s:
             return np.zeros(6)
@@ -134,6 +134,6 @@ def body_jacobian(model: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def spatial_jacobian(model: ArmModel, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the Jacobian (6, 6) to the velocity, linear then angular, at the base of what moves with the tip."""
+    """Return the Jacobian (6, 6) to the tip body's velocity at the base's origin, linear then angular, in base axes."""
     linear, angular = jacobian(model, q).reshape(2, 3, 6)
     return np.concatenate([linear - np.cross(angular, fk(model, q).translation_m, axis=0), angular])

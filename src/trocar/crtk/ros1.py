@@ -43,7 +43,7 @@ Message = TypeVar("Message")
 
 
 class Ros1Bus:
-    """A node of its own in the graph of a master.
+    """A node in the graph of a ROS 1 master.
 
     Args:
         topics: interface and master.
@@ -64,8 +64,8 @@ class Ros1Bus:
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
     ) -> Subscriber[Message]:
-        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest."""
-        del latched  # ROS 1: the publisher's affair
+        """Return a subscriber of a topic that keeps the newest ``kept`` messages until they are taken."""
+        del latched  # in ROS 1, the publisher alone decides
         return _Subscriber(topic, kind, kept)
 
     def endpoints(self) -> list[Endpoint]:
@@ -91,7 +91,7 @@ class Ros1Bus:
 
 @cache
 def _node(interface: str, master: str) -> None:
-    """Make this process a node: ROS 1 has one in a process."""
+    """Make this process a node: ROS 1 allows one per process."""
     os.environ |= {"ROS_MASTER_URI": master, "ROS_HOSTNAME": interface, "ROS_IP": interface}
     if not rosgraph.is_master_online():
         raise InvalidInput(f"the ROS 1 master at {master}", "does not answer", "start roscore, or name another")
@@ -157,7 +157,7 @@ def _filled(target: Any, message: Any) -> Any:
 
 
 def _rospy(target: Any, value: Any) -> Any:
-    """Return one value of ours as rospy has it."""
+    """Return a value of ours as rospy's."""
     if isinstance(value, list) and value and is_dataclass(value[0]):
         return [_filled(_class(type(one))(), one) for one in value]
     return _filled(target, value) if is_dataclass(value) else value

@@ -29,10 +29,10 @@ KEPT = 10
 LEAVE_S = 2.0
 """How long the end of a process waits until others have been told."""
 FAST_DDS = "1.15"
-"""Vendor whose descriptions of types Cyclone cannot read (measured with rclpy of ROS 2 Kilted)."""
+"""Vendor whose type descriptions Cyclone cannot read (measured with rclpy of ROS 2 Kilted)."""
 BUFFER = 1 << 23
-"""Bytes that may wait to be read, if the system permits so many: an image, twice. What finds no place is sent again, a
-tenth of a second later (measured)."""
+"""Size of the receive buffer in bytes, if the system permits it: two images. Data that do not fit are sent again .1 s
+later (measured)."""
 CONFIGURATION = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface address="{interface}"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex><Peers>{peers}</Peers>
 </Discovery><Internal><SocketReceiveBufferSize max="{buffer}B"/></Internal><Compatibility>
@@ -65,9 +65,9 @@ class Ros2Bus:
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
     ) -> Subscriber[Message]:
-        """Return a subscriber of a topic that keeps so many messages until they are taken, the newest.
+        """Return a subscriber of a topic that keeps the newest ``kept`` messages until they are taken.
 
-        What cameras publish is also taken where it is offered without being kept or sent again.
+        It takes what cameras publish even if their driver neither keeps messages nor sends lost ones again.
         """
         about, wanted = self._topic(topic, kind), [latched, True]
 
@@ -77,7 +77,7 @@ class Ros2Bus:
         return _CameraReader(reader, wanted, kept) if kind in (Image, CameraInfo) else _Reader(reader(), kept)
 
     def endpoints(self) -> list[Endpoint]:
-        """Return all publishers and subscribers, of every program, that have been met so far."""
+        """Return all publishers and subscribers, of every program, that have been discovered so far."""
         return self._graph.endpoints()
 
     def client(self, sender: Hashable) -> Client:
@@ -90,7 +90,7 @@ class Ros2Bus:
 
 @cache
 def _participant(interface: str, peers: tuple[str, ...], domain: int) -> tuple[Any, Graph]:
-    """Return this process's participant, and what it sees: a domain can be configured once in a process."""
+    """Return this process's participant and its graph; cached, since a process can configure a domain only once."""
     hosts = "".join(f'<Peer address="{host}"/>' for host in (interface, *peers))
     text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS, buffer=BUFFER)
     try:
@@ -105,9 +105,9 @@ def _participant(interface: str, peers: tuple[str, ...], domain: int) -> tuple[A
 
 
 def _leave(participant: Any, _domain: Any) -> None:
-    """Tell others that this process leaves; the end of the process then ends what is left, its domain too.
+    """Tell others that this process leaves; everything else, the domain included, ends with the process.
 
-    Cyclone 11.0.1 was seen to wait for ever when it deleted a domain, and once a reader, at the interpreter's end.
+    At the interpreter's end, Cyclone 11.0.1 was seen to hang while it deleted a domain, and once a reader.
     """
     leaving = threading.Thread(target=participant._delete, args=(participant._ref,), daemon=True)
     leaving.start()
@@ -141,9 +141,9 @@ class _Reader(Subscriber[Message]):
 
 
 class _CameraReader(_Reader[Message]):
-    """Asks for less where nobody offers what it wants: camera drivers differ, and a lost image is asked for again.
+    """Lowers its quality of service where no publisher offers it: camera drivers differ, and scripts can ask again.
 
-    A reader of an arm's state must not: what is told only when it changes would be missed.
+    A reader of an arm's state must not do so: it could miss a state, which is sent only when it changes.
     """
 
     DURABILITY = 2

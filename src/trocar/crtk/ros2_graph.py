@@ -1,4 +1,4 @@
-"""Who is there in a ROS 2 domain: publishers, subscribers, and whose they are."""
+"""Publishers and subscribers in a ROS 2 domain, and the clients that they belong to."""
 
 # cyclonedds reads the annotations of these classes, so they are not strings here.
 from collections.abc import Hashable
@@ -31,7 +31,7 @@ else:
     sixteen = array[uint8, 16]
 
 MOST = 10_000
-"""Endpoints that are looked at."""
+"""Greatest number of endpoints that are read."""
 GONE = Client()
 HERE = "127.0.0.1"
 
@@ -64,8 +64,8 @@ class ParticipantEntities(IdlStruct, typename="rmw_dds_common.msg.dds_.Participa
 class Graph:
     """What a participant has discovered.
 
-    DDS itself tells each writer's participant, with its machine's addresses and process; ROS 2's nodes tell on a topic
-    of their own which writers are theirs.
+    DDS itself tells the participant of each writer, with its machine's addresses and process. ROS 2's nodes tell which
+    writers are theirs on the topic ``ros_discovery_info``.
     """
 
     def __init__(self, participant: DomainParticipant):
@@ -75,14 +75,14 @@ class Graph:
         latched = Qos(
             Policy.Reliability.Reliable(duration(milliseconds=100)),
             Policy.Durability.TransientLocal,
-            Policy.History.KeepAll,  # all participants tell on it without a key: of the last one alone, most were lost
+            Policy.History.KeepAll,  # the topic has no key: to keep the last message would lose most participants
         )
         topic: Any = Topic(participant, "ros_discovery_info", ParticipantEntities)
         self._nodes: Any = DataReader(participant, topic, qos=latched)
         self._node_of: dict[UUID, str] = {}
 
     def endpoints(self) -> list[Endpoint]:
-        """Return all publishers and subscribers that have been met so far."""
+        """Return all publishers and subscribers that have been discovered so far."""
         clients = self._clients()
         return [
             Endpoint(
@@ -94,7 +94,7 @@ class Graph:
         ]
 
     def client(self, sender: Hashable) -> Client:
-        """Return whose writer has this handle."""
+        """Return the client whose writer has this handle."""
         one = next((one for one in _valid(self._publications) if one.sample_info.instance_handle == sender), None)
         return GONE if one is None else self._whose(one, self._clients())
 
@@ -103,7 +103,7 @@ class Graph:
         return Client(self._node_of.get(endpoint.key, ""), client.addresses, client.process)
 
     def _clients(self) -> dict[UUID, Client]:
-        """Return the participants, whose nodes are not told apart."""
+        """Return the participants as clients without nodes; note the nodes of their endpoints in ``_node_of``."""
         for told in self._nodes.take(N=MOST):
             if not isinstance(told, InvalidSample):
                 for node in told.node_entities_info_seq:
@@ -118,12 +118,12 @@ def _valid(reader: BuiltinDataReader) -> list[Any]:
 
 
 def _is_there(endpoint: Any) -> bool:
-    """Return whether an endpoint has not ended: of one that has, its last sample stays, and one without a name."""
+    """Return whether an endpoint still exists: of one that ended, its last sample stays, and one without a name."""
     return endpoint.sample_info.instance_state == InstanceState.Alive and endpoint.topic_name is not None
 
 
 def _client(participant: Any) -> Client:
-    """Return what Cyclone finds out about a participant, and what Fast DDS says of itself."""
+    """Return a participant's addresses, as Cyclone finds them, and process, as Cyclone or Fast DDS tells it."""
     told = {one.key: one.value for one in participant.qos if isinstance(one, Policy.Property)}
     addresses = [one.partition("/")[2].rpartition(":")[0] for one in told.get("__NetworkAddresses", "").split(",")]
     process = told.get("__Pid") or told.get("fastdds.physical_data.process", "")

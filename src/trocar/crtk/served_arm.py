@@ -40,15 +40,16 @@ MOTIONS: dict[str, type] = {
     **dict.fromkeys(("servo_jp", "servo_jr", "move_jp", "move_jr", "jaw/servo_jp", "jaw/move_jp"), JointState),
     **dict.fromkeys(("servo_cp", "move_cp"), PoseStamped),
 }
-"""What an enabled arm does; what is driven by efforts (``EFFORTS``) is refused, since the simulated arm is not."""
+"""Commands that an enabled arm executes; those by efforts (``EFFORTS``) are refused."""
 ANSWER_S = 0.25
-"""The state is told so much later to whoever begins to read it, or commands what changes nothing: rclpy believes .1 s
-before it hears a topic that it does (measured)."""
+"""The state is published again this long after a new reader or a state command comes: rclpy believes that it receives a
+topic .1 s before it does (measured)."""
 AGAIN_S = (1.0, 2.0, 3.0, 4.0)
-"""A new reader is told again so much later: on a busy machine one has missed it, and waited in vain (measured)."""
+"""The state is also published again at these times: on a busy machine, a new reader missed it and waited in vain
+(measured)."""
 STEP_TOLERANCE = 1e-6
 SAME = 1e-12
-"""rad, m, and per second: an arm that is this near to the last set-point has reached it."""
+"""rad, m, and per second: an arm this close to the last set-point has reached it."""
 
 
 class ServedArm:
@@ -58,12 +59,12 @@ class ServedArm:
         name: of the arm.
         model: of the arm.
         laboratory: the cell.
-        bus: where it speaks.
+        bus: where its topics are.
         topic: its namespace.
         T_world_base: its base as registered.
 
     Attributes:
-        counts: messages that have come, by topic.
+        counts: number of messages that have come, by topic.
     """
 
     def __init__(self, name: str, model: ArmModel, laboratory: SimLaboratory, bus: Bus, topic: str, T_world_base: SE3):
@@ -108,7 +109,7 @@ class ServedArm:
         self._report.state(*self._told)
 
     def hear(self, nursery: trio.Nursery, now_s: float) -> None:
-        """Do what has been asked for since the last tick; ``now_s`` is the machine's time of this one."""
+        """Execute the commands since the last tick; ``now_s`` is the machine's time of this tick."""
         if self._answers_s and now_s >= self._answers_s[0]:
             self._answers_s.pop(0)
             self._tell_state()
@@ -116,7 +117,7 @@ class ServedArm:
             self._answers_s = [now_s + later_s for later_s in (ANSWER_S, *AGAIN_S)]
         come = {what: messages for what, source in self._in.items() if (messages := source.take())}
         for what, messages in come.items():
-            if what in EFFORTS and not self.counts[what]:  # once: it may be a stream
+            if what in EFFORTS and not self.counts[what]:  # only once: efforts may come as a stream
                 self._refuse(what, "the simulated arm is driven by positions alone")
             self.counts[what] += len(messages)
         for message in come.get("state_command", ()):
@@ -168,7 +169,7 @@ class ServedArm:
             self._busy_until(lambda: self._move(motion), nursery)
 
     def _busy_until(self, over: Callable[[], Awaitable[None]], nursery: trio.Nursery) -> None:
-        """Be busy until something is over; said at once, since it may be over within a tick."""
+        """Be busy until something is over; publish this at once, since it may be over within a tick."""
         self._busy += 1
         self._tell_state()
 
@@ -181,7 +182,7 @@ class ServedArm:
         nursery.start_soon(wait)
 
     def _stream(self, now: NDArray[np.float64], goal: NDArray[np.float64], stamp: Time) -> None:
-        """Take a set-point of a stream, which is played back soon."""
+        """Take a set-point of a stream, which is played back a little later."""
         self._asked = goal = np.clip(goal, self._model.lower, self._model.upper)
         stamp_s = seconds(stamp) if stamp.sec else None
         speed = self._streamed.add(goal, now, time.time(), stamp_s)

@@ -1,4 +1,4 @@
-"""The cameras of a served cell: who asks for an image on ``CAMERA/trigger`` gets one, exposed from then on."""
+"""The cameras of a served cell: a message on ``CAMERA/trigger`` makes one expose and publish an image."""
 
 from __future__ import annotations
 
@@ -19,21 +19,22 @@ from trocar.sim.laboratory import SimLaboratory
 from trocar.sim.world import state_of
 
 AHEAD = 2
-"""Images that may be asked of the renderer before it has published the first of them."""
+"""Number of images that may wait at the renderer."""
 CLOCK_S = 0.03
-"""By this much the clock of whoever asks may be ahead, and the image that is exposed meanwhile still answer him."""
+"""Requests in this last part of an exposure start another one. So the clock of a client may be ahead by this much, and
+its images are still later than its requests."""
 START_S = 120.0
-"""The renderer is ready within this time."""
+"""Time in which the renderer must get ready."""
 END_S = 5.0
-"""It ends within this time."""
+"""Time in which the renderer must end."""
 
 
 class ServedCameras:
     """Publishes images of a simulated laboratory: a context manager, whose renderer ends with it.
 
     A camera runs freely until something comes on its topic ``trigger``; from then on it exposes an image for each
-    trigger and no other. Triggered images draw the noise of the laboratory's own cameras, so that they are those that
-    a script in the laboratory would see.
+    trigger and no other. Triggered images draw their noise from the random numbers of the laboratory's own cameras, so
+    they are the images that a script in the laboratory would see.
 
     Args:
         laboratory: the cell.
@@ -95,7 +96,7 @@ class ServedCameras:
             if trigger.take():
                 free = False
                 await cell.clock.sleep(max(0.0, self._cameras[name].exposure_s - CLOCK_S))
-                trigger.take()  # whoever asked meanwhile gets this image: its stamp is later
+                trigger.take()  # requests so far are answered by this image, too: its stamp is later
                 await cell.clock.sleep(min(CLOCK_S, self._cameras[name].exposure_s))
                 header, state = stamped(), state_of(self._world)
                 while self._pending() >= AHEAD:

@@ -33,7 +33,7 @@ class Timeliness:
     Attributes:
         late_share: share of its ticks that began a whole tick late, or more.
         latest_s: the greatest lateness.
-        core_share: of one processor's time that its process needed, its cameras' process not counted.
+        core_share: share of one core that its process used, without the cameras' process.
     """
 
     late_share: float
@@ -47,10 +47,10 @@ class ServedCell:
     Args:
         laboratory: the cell.
         topics: names and network.
-        speed: seconds of the cell a second.
-        images_hz: images a second of cameras that run freely.
+        speed: seconds of the cell per second.
+        images_hz: images per second of cameras that run freely.
         faults: to plant.
-        allowed: who may command, as ``CrtkServer`` takes it.
+        allowed: clients that may command, as ``CrtkServer`` takes them.
 
     Attributes:
         arms: by name.
@@ -82,7 +82,7 @@ class ServedCell:
         self._cameras.__exit__()
 
     def run(self, seconds: float, also: Sequence[Script] = ()) -> End:
-        """Serve for this time of the cell, or until Ctrl-C or one of the signals ``ENDING``; return how it ended.
+        """Serve for a time, or until Ctrl-C or one of the signals ``ENDING``; return how it ended.
 
         Args:
             seconds: of the cell's clock.
@@ -113,7 +113,7 @@ class ServedCell:
         return self._cameras.files()
 
     def timeliness(self) -> Timeliness:
-        """Return how well it kept its time."""
+        """Return how well the cell kept its time."""
         return Timeliness(self._pace.late_ticks / max(1, self._pace.ticks), self._pace.latest_s, self._core_share)
 
 

@@ -1,4 +1,4 @@
-"""A simulated cell as a robot that speaks CRTK: cables that err, grasps by friction, in real time."""
+"""Serve a simulated cell, with its cable errors and grasps by friction, as a robot that speaks CRTK in real time."""
 
 from __future__ import annotations
 
@@ -20,24 +20,26 @@ from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
 
 STEADY, AHEAD_S, SLOWEST = 0.02, 0.005, 0.1
-"""The ticks' own time follows the machine's by this share of what it is off. Ahead by more than ``AHEAD_S`` it
-waits, but goes on at least at ``SLOWEST``: stamps neither go back nor come from the future."""
+"""Each tick corrects the share ``STEADY`` of the difference between the ticks' own time and the machine's. Where it is
+ahead by more than ``AHEAD_S``, the ticks' time slows down, but not below ``SLOWEST`` of its speed. So stamps neither go
+back nor come from the future."""
 
 MAX_LATE_S = 0.1
-"""A robot's clock does not hurry after a stop; its ticks catch up with less."""
+"""After a longer stop, the ticks' time jumps to the machine's, as a robot's clock does; after a shorter one, the ticks
+catch up."""
 
 
 class CrtkServer:
     """Serves the arms of a simulated laboratory: ``laboratory.run(server.serve, budget_s, RealTime())``.
 
-    Set-points of ``servo_jp`` are played back a little later as they were timed, exactly where they keep the arm's
-    limits (``trocar.crtk.servo``). One that would need more than a joint's greatest speed is caught up with within the
-    limits, and noted as the event ``servo``; a stream that breaks off ends within them.
+    Streamed set-points are played back a little later with their sender's timing (``trocar.crtk.servo``), exactly if
+    they keep the arm's limits. If one needs more than a joint's greatest speed, the arm catches up within the limits,
+    and the event ``servo`` is noted. If a stream breaks off, the arm comes to rest within the limits.
 
     Args:
         laboratory: the cell.
         topics: namespace of each arm, and the network.
-        speed: seconds of the cell a second.
+        speed: seconds of the cell per second.
         faults: to plant.
         allowed: who may command (``trocar.crtk.access``); default: everybody on the loopback interface, else nobody.
         bus: where to speak; default: the topics' own.
@@ -75,12 +77,12 @@ class CrtkServer:
     async def serve(self, cell: Cell) -> None:
         """Serve for ever."""
         gc.collect()
-        gc.freeze()  # what is there by now stays: to look through it again takes several ticks
+        gc.freeze()  # objects made so far stay, and to scan them again would take several ticks
         async with trio.open_nursery() as nursery:
             while True:
                 self._now_s += TICK_S / self._speed
                 off_s = time.time() - self._now_s
-                caught_up = -AHEAD_S <= off_s <= MAX_LATE_S  # or will be: ticks hurry after a short stop
+                caught_up = -AHEAD_S <= off_s <= MAX_LATE_S  # or will be: ticks catch up after a short stop
                 slip_s = STEADY * off_s if caught_up else off_s
                 self._now_s += max(slip_s, (SLOWEST - 1) * TICK_S / self._speed)
                 with self._periods.tick():

@@ -1,4 +1,4 @@
-"""What an arm that is streamed to does with its set-points: play them back a little later, within its limits."""
+"""Playback of the set-points that are streamed to an arm: a little later, at their sender's pace."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from trocar.robots import TICK_S
 DELAY_S = 2 * TICK_S
 """Set-points are played back this much later, so that neither a late message nor two at once make an arm jerk."""
 ALONE_S = 0.1
-"""A set-point that comes later than this after the one before is not of the same stream."""
+"""A set-point that comes this long after the one before begins a new stream."""
 PAUSE_S = 1.0
 """After so long without a set-point the clocks of sender and receiver are compared anew."""
 INTERVALS = 50
-"""The median of so many intervals is a stream's period."""
+"""Number of intervals whose median is a stream's period."""
 UNEVEN_S = DELAY_S / 2
 """A set-point of a moving stream that is less out of step than this is played back in step. A sender's timer errs by
 fractions of a millisecond, which would look like jumps of speed: at 1 ms of them, an arm that braked as hard as its
@@ -28,8 +28,8 @@ MAX_DRIFT = 0.002
 class SetPoints:
     """A stream of set-points, played back as its sender timed it.
 
-    Their stamps say how far they are apart; the fastest of them to arrive says how the sender's clock differs from
-    this machine's. Without stamps, their arrival counts. While a stream moves, it is played back at an even pace.
+    Stamps give the intervals, and the set-point that arrived fastest gives the offset of the sender's clock. Without
+    stamps, arrival times count. While a stream moves, it is played back at an even pace.
     """
 
     def __init__(self) -> None:
@@ -44,9 +44,9 @@ class SetPoints:
 
         Args:
             q: (joints,) where to be.
-            now: (joints,) where the arm is, from where the first one is reached.
-            came_s: clock of this machine.
-            stamp_s: clock of its sender, if it is known.
+            now: (joints,) where the arm is, from which the first set-point is reached.
+            came_s: time of arrival on this machine's clock.
+            stamp_s: stamp on the sender's clock; None: unknown.
         """
         last_s, last = self._points[-1] if self._points else (-np.inf, now)
         if came_s - last_s > PAUSE_S:
@@ -56,7 +56,7 @@ class SetPoints:
             self._ahead_s = min(self._ahead_s, came_s - stamp_s)
             at_s = stamp_s + self._ahead_s
         interval_s, self._came_s = at_s - self._came_s, at_s
-        if at_s - last_s > ALONE_S:  # from where the arm waits, within a tick
+        if at_s - last_s > ALONE_S:  # a new stream: from where the arm waits, within a tick
             last_s = at_s - TICK_S
             self._points.append((last_s, last))
             self._intervals_s.clear()
@@ -82,12 +82,12 @@ class SetPoints:
         return first + (following - first) * ((play_s - first_s) / (next_s - first_s))
 
     def _in_step(self, at_s: float, last_s: float) -> float:
-        """Return when to play back what is due at this time, a period after the one before."""
+        """Return when to play back a set-point due at ``at_s``: a period after the last, unless it is far from that."""
         period_s = float(np.median(self._intervals_s))
         off_s = at_s - last_s - period_s
         drift_s = MAX_DRIFT * period_s
         return last_s + period_s + min(max(off_s, -drift_s), drift_s) if abs(off_s) < UNEVEN_S else at_s
 
     def clear(self) -> None:
-        """Forget all of them."""
+        """Forget all set-points."""
         self._points.clear()

@@ -15,11 +15,11 @@ RATE_HZ = 50.0
 """A loop of 100 Hz needs at least every other reading."""
 GAP_S, JITTER_S, LATENCY_S = 0.1, 0.02, 0.05
 CLOCK_S, AHEAD_S = 1.0, 0.01
-"""What comes so long after its stamp has a wrong stamp, since nothing else takes so long on a robot's network; and what
-comes before its stamp has, too."""
+"""A message that comes ``CLOCK_S`` after its stamp, or ``AHEAD_S`` before it, has a wrong stamp: no robot's network
+delays messages that long."""
 PAUSE_S, SEEN_SHARE = 0.03, 0.5
-"""A listener that others hold up for longer cannot tell how late a message came; nor can one that finds fewer of a
-topic's messages at once."""
+"""A listener cannot tell how late messages came if other programs hold it up for longer, or if it finds less than this
+share of a topic's messages at once."""
 
 
 def topics(about: ArmHeard) -> Finding:
@@ -109,7 +109,7 @@ def rate(about: ArmHeard) -> Finding:
 
 
 def stamps(about: ArmHeard) -> Finding:
-    """Judge whether stamps are valid and go on."""
+    """Judge whether stamps are valid and increase."""
     if not about.streams:
         return Finding(None, "nothing came")
     for topic, messages in about.streams.items():
@@ -142,7 +142,7 @@ def clock(about: ArmHeard) -> Finding:
     early_s = min(float(ages.min()) for ages in about.ages.values())
     found = f"messages come {abs(early_s):.3f} s {'after' if early_s >= 0 else 'before'} their stamps"
     if -AHEAD_S > early_s >= -AHEAD_S - about.heard.pause_s and (busy := _busy(about)):
-        return busy  # the doctor's look at its clock may be as old as that
+        return busy  # a pause after the doctor read its clock makes messages seem that early
     well = -AHEAD_S <= early_s <= CLOCK_S
     return Finding(well, found, "let both machines' clocks agree: run chrony (NTP) on both, or ROS with wall time")
 
@@ -177,7 +177,7 @@ def _longest_gap_s(messages: Sequence[Message], blind_s: Mapping[float, float]) 
 
 
 def _unseen(about: ArmHeard) -> Finding | None:
-    """Return why it cannot be told when messages came."""
+    """Return why the arrival times of messages are unknown; None: they are known."""
     if not about.streams:
         return Finding(None, "nothing came")
     if any(len(about.ages[topic]) < SEEN_SHARE * len(messages) for topic, messages in about.streams.items()):
@@ -186,7 +186,7 @@ def _unseen(about: ArmHeard) -> Finding | None:
 
 
 def _busy(about: ArmHeard) -> Finding | None:
-    """Return why times cannot be judged."""
+    """Return why times cannot be judged; None: they can."""
     if about.heard.pause_s > PAUSE_S:
         held_up = f"the doctor itself was held up for {1e3 * about.heard.pause_s:.0f} ms"
         return Finding(None, f"this machine is busy: {held_up}")
@@ -207,4 +207,4 @@ WIRE = {
     "latency": (f"{1e3 * LATENCY_S:g} ms or less", latency),
     "jitter": (f"95 % within {1e3 * JITTER_S:g} ms", jitter),
 }
-"""Checks by name, in the order in which they are made: what should be, and the test."""
+"""Checks by name, in the order in which they are made: the expected result in words, and the test."""
