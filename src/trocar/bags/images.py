@@ -24,10 +24,10 @@ RAW, COMPRESSED, INFO = "sensor_msgs/Image", "sensor_msgs/CompressedImage", "sen
 KIND = "list of images"
 LIST = "images.json"
 SUFFIXES = {b"\x89PNG": ".png", b"\xff\xd8\xff": ".jpg", b"RIFF": ".webp"}
-"""How compressed images begin that are kept as they are."""
+"""First bytes of compressed images that are kept as they are."""
 IMAGE_FILE = re.compile(r"\d{6}\.(png|jpg|webp|npy)")
 RECTIFIED = re.compile("(?<![a-z])rect", re.IGNORECASE)
-"""What the name of a topic has whose images are without distortion: ``image_rect_color``."""
+"""Part of a topic's name that tells that its images are rectified: ``image_rect_color``."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class CameraFiles:
     """The file with their names, their stamps and the lens."""
     images: int
     lens: Intrinsics | None
-    """None: the bag has no camera info for it, of another size, or of a lens with another distortion than Brown's."""
+    """None: the bag has no camera info for it, or only one of another size or another distortion model than Brown's."""
     unstamped: int
     """Images with a stamp of 0, left out."""
     unknown: dict[str, int]
-    """How many were left out by encoding, because it cannot be read."""
+    """Number of images left out because their encoding cannot be read, by encoding."""
     damaged: int
     """Images left out because their bytes are no image, or not one of the size that they claim."""
 
@@ -65,12 +65,11 @@ def write_images(bag: Bag, folder: str | Path, cameras: list[str]) -> list[Camer
     """Write the images of topics into a folder each, and return what was written.
 
     Images of 8 and 16 bits become PNG files, those of floating point ``.npy``; compressed ones stay as they are. Beside
-    them, ``images.json`` has ``topic``, ``frame``, ``intrinsics`` (the fields of ``Intrinsics``, or null), for each
-    image its ``file`` and ``stamp_ns``, since 1970, and whether they are ``complete``, which is false until all are
-    written.
+    them, ``images.json`` has ``topic``, ``frame``, ``intrinsics`` (the fields of ``Intrinsics``, or null), ``file`` and
+    ``stamp_ns`` (since 1970) of each image, and ``complete``, which is false until all are written.
 
     Args:
-        bag: in which they are.
+        bag: with the images.
         folder: made if it is not there.
         cameras: topics; empty: all with images.
 
@@ -103,7 +102,7 @@ def _write_camera(bag: Bag, folder: Path, topic: str) -> CameraFiles:
     clear_drafts(place)
     listed = require_place(place / LIST, KIND)
     _require_ours(place)
-    # the images have no mark: this says whose they are, and that they are not all, should the import be interrupted
+    # images carry no mark: this list says that they are ours, and not complete if the import is interrupted
     write_json(listed, {"topic": topic, "complete": False, "images": []}, KIND)
     for file in place.iterdir():
         if IMAGE_FILE.fullmatch(file.name):
@@ -134,7 +133,7 @@ def _write_camera(bag: Bag, folder: Path, topic: str) -> CameraFiles:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write an image in a folder that its list shows to be ours, without a draft: a draft would scan the folder."""
+    """Write an image without a draft, which would scan the folder; the list shows that the folder is ours."""
     try:
         path.write_bytes(content)
     except OSError as error:
@@ -152,7 +151,7 @@ def _picture(message: Any) -> _Picture | None:
     """Return an image as a file; None if its encoding is unknown.
 
     Raises:
-        Damaged: it is no image, or not of the size that it claims.
+        Damaged: the message is no image, or not of the size that it claims.
     """
     if hasattr(message, "format"):
         return _compressed(bytes(message.data))
@@ -180,9 +179,9 @@ def _compressed(content: bytes) -> _Picture | None:
 
 
 def _lens(bag: Bag, topic: str, sizes: set[tuple[int, int]]) -> Intrinsics | None:
-    """Return the lens from the camera info beside a topic, or beside the one of which it is the compression.
+    """Return the lens from the camera info beside a topic, or beside the raw topic of a compressed one.
 
-    None if there are images, and all of other sizes (width, height) than the camera info says.
+    None if there is no usable camera info, or there are images but none of its size (width, height).
     """
     beside = topic.rpartition("/")[0]
     places = [beside, beside.rpartition("/")[0]] if bag.topics[topic].kind == COMPRESSED else [beside]
@@ -197,7 +196,7 @@ def _lens(bag: Bag, topic: str, sizes: set[tuple[int, int]]) -> Intrinsics | Non
 
 
 def _intrinsics(info: Any, rectified: bool) -> Intrinsics | None:
-    """Return the lens of what the camera reads out: its region of interest, with pixels combined by binning."""
+    """Return the lens of a camera's images: of its region of interest, with binned pixels."""
     k, d, p = (info.K, info.D, info.P) if hasattr(info, "K") else (info.k, info.d, info.p)
     fx, cx, fy, cy = (float(v) for v in (p[[0, 2, 5, 6]] if rectified else k[[0, 2, 4, 5]]))
     d = [] if rectified else [float(v) for v in d]
@@ -206,7 +205,7 @@ def _intrinsics(info: Any, rectified: bool) -> Intrinsics | None:
         return None
     roi, across, down = info.roi, info.binning_x or 1, info.binning_y or 1
     size = (roi.width or info.width) // across, (roi.height or info.height) // down
-    # the first combined pixel has its centre in the middle of those of which it is made
+    # the centre of the first binned pixel is the middle of the pixels that it combines
     cx, cy = (cx - roi.x_offset - (across - 1) / 2) / across, (cy - roi.y_offset - (down - 1) / 2) / down
     k1, k2, p1, p2, k3 = [*d, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
     return Intrinsics(*size, fx / across, fy / down, cx, cy, (k1, k2, p1, p2, k3))

@@ -16,12 +16,12 @@ JOINT_STATE = "sensor_msgs/JointState"
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 """Names of a PSM's joints, q1 to q6; ``outer_yaw`` (before dVRK 2) and ``psm1_yaw`` are understood as well."""
 COMMANDED = ("setpoint_js", "servo_jp", "move_jp")
-"""Topics of CRTK with commands, the one that says most first: what the controller held, then what it was sent."""
+"""CRTK's topics with commands, the most informative first: what the controller held, then what it was sent."""
 TARGETS = "move_jp"
-"""That of them whose commands are the ends of motions, not the way there."""
+"""The one of them whose commands are the goals of motions, not set-points on the way."""
 MEASURED = "measured_js"
 COMMANDS = ("setpoint_", "servo_", "move_")
-"""How CRTK's topics begin that show that a namespace is an arm's."""
+"""Prefixes of CRTK's topics by which a namespace is known to be an arm's."""
 DVRK_1_ENCODERS = "state_joint_current"
 TRUTH = "true_js"
 """Where the joints of a simulated trial really were, in the arm's namespace."""
@@ -29,12 +29,12 @@ TRUTH = "true_js"
 
 @dataclass(frozen=True)
 class Choice:
-    """Topics of which a recording is made."""
+    """The topics from which a recording is made."""
 
     commanded: str
     measured: str
     encoders: bool = False
-    """Whether the measurements are, by their topic, those of the arm's own encoders, which do not see its cables."""
+    """Whether, by its topic's name, ``measured`` comes from the arm's own encoders, which do not see cable errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +65,13 @@ class Imported:
     """A recording from a bag.
 
     Attributes:
-        recording: times in s after the bag's beginning; a row at each measurement, with the last command before it,
-            and a row without a measurement at each command that came and went between two of them.
+        recording: times in s after the bag's beginning; one row for each measurement, with the last command before it,
+            and one without a measurement for each command that was replaced before the next measurement.
         commanded: of the topic with commands.
         measured: of the topic with measurements.
         early: measurements before the first command, left out.
         between: rows without a measurement.
-        moving: measurements for which the command had not stood still for long enough, not valid.
+        moving: measurements that are not valid because their command had not stood still for long enough.
     """
 
     recording: Recording
@@ -86,7 +86,7 @@ def choose(bag: Bag, namespace: str = "", commanded: str = "", measured: str = "
     """Return the topics of an arm: those given, the others by their names in CRTK.
 
     Args:
-        bag: in which they are.
+        bag: with the topics.
         namespace: of the arm, such as ``/PSM1``; empty: that of the topic given, or else of the only arm in the bag.
         commanded: topic with commands; empty: the first of :data:`COMMANDED` in the namespace.
         measured: topic with measurements; empty: ``measured_js`` in the namespace.
@@ -107,7 +107,7 @@ def choose(bag: Bag, namespace: str = "", commanded: str = "", measured: str = "
 
 
 def arms_in(bag: Bag, commanded: bool = True, measured: bool = True) -> list[str]:
-    """Return the namespaces in which joints were commanded and measured, or one of both; jaws are no arms."""
+    """Return the namespaces of arms, not of jaws, with topics of commands and of measurements, as far as required."""
     names = {topic.name for topic in bag.of_kind(JOINT_STATE)}
     return [
         arm
@@ -121,14 +121,14 @@ def arms_in(bag: Bag, commanded: bool = True, measured: bool = True) -> list[str
 def read_recording(bag: Bag, choice: Choice, order: Sequence[str] = (), settled_s: float = 0.0) -> Imported:
     """Return the recording of two topics.
 
-    The commands in force at a measurement are those of the last message before it (zero-order hold), by the stamps of
-    the headers. Clocks of different machines are not compared.
+    The command at a measurement is that of the last message before it (zero-order hold), by the stamps of the headers.
+    Differences between the clocks of several machines are not corrected.
 
     Args:
-        bag: in which they are.
+        bag: with the topics.
         choice: the topics.
         order: names of six joints as the messages have them, q1 to q6; empty: as :data:`JOINTS`.
-        settled_s: measurements count for which the command has stood still this long; the others are not valid.
+        settled_s: a measurement is valid only if its command has stood still for this long.
 
     Raises:
         InvalidInput: no message names these joints, none is valid, the topics do not overlap in time, or the commands
@@ -169,7 +169,7 @@ def read_recording(bag: Bag, choice: Choice, order: Sequence[str] = (), settled_
 
 
 def _commands(bag: Bag, arm: str) -> str:
-    """Return the topic with an arm's commands; if there is none, the one that there should be."""
+    """Return the topic with an arm's commands; if there is none, the one that should be there."""
     known = {topic.name for topic in bag.of_kind(JOINT_STATE)}
     first, *others = [name for name in COMMANDED if f"{arm}/{name}" in known] or COMMANDED[:1]
     if others and first != COMMANDED[0]:
@@ -180,14 +180,14 @@ def _commands(bag: Bag, arm: str) -> str:
 
 
 def _of_encoders(bag: Bag, topic: str) -> bool:
-    """Return whether a topic that was given is by its name one of an arm's encoders."""
+    """Return whether a given topic is, by its name, one of an arm's encoders."""
     arm, _, name = topic.rpartition("/")
     beside = [other.rpartition("/")[2] for other in bag.topics if _parent(other) == arm]
     return name == DVRK_1_ENCODERS or (name != TRUTH and any(other.startswith(COMMANDS) for other in beside))
 
 
 def _arm(bag: Bag, commanded: str, measured: str) -> str:
-    """Return the arm of the topic that was given, one of them at most, or else the only one."""
+    """Return the arm of the topic that was given (one of the two at most), or else the only arm in the bag."""
     arms = arms_in(bag, not commanded, not measured)
     given = commanded or measured
     if given and _parent(given) in arms:
@@ -203,9 +203,9 @@ def _arm(bag: Bag, commanded: str, measured: str) -> str:
 
 
 def _changes(q: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return where commands (n, 6) differ from the last one that did, the first one included: (k,).
+    """Return the rows (k,) in which commands (n, 6) change; row 0 counts.
 
-    Compared with the one just before, a slow motion would be none.
+    Each row is compared with the last change: compared with the row before, a slow motion would be none.
     """
     changes = [0]
     for row in range(1, len(q)):
@@ -257,7 +257,7 @@ def _nothing_in(topic: str, places: Sequence[list[int] | InvalidInput], unstampe
 
 
 def _places(topic: str, names: tuple[str, ...], count: int, order: Sequence[str]) -> list[int] | InvalidInput:
-    """Return where q1 to q6 are among a message's positions, or why it does not say so."""
+    """Return the indices of q1 to q6 in a message's positions, or why they cannot be told."""
     item = f"topic {topic!r}"
     if not names and (count != 6 or order):
         problem = f"does not name its {count} joints"
@@ -277,7 +277,7 @@ def _places(topic: str, names: tuple[str, ...], count: int, order: Sequence[str]
 
 
 def _meant(name: str) -> str:
-    """Return the joint that a name means: itself, or the longest that it ends in after a prefix."""
+    """Return the joint that a name means: the longest joint's name that it equals, or ends in after a prefix."""
     fits = [joint for joint in JOINTS if name.lower() == joint or name.lower().endswith(f"_{joint}")]
     return max(fits, key=len, default="")
 

@@ -17,7 +17,7 @@ _STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 def kind(package: str, name: str) -> Any:
-    """Return the class of a message of ROS 2 Jazzy, which takes its fields."""
+    """Return the class of a message of ROS 2 Jazzy, whose arguments are the message's fields."""
     return _STORE.types[f"{package}/msg/{name}"]
 
 
@@ -36,11 +36,11 @@ def stamp(stamp_ns: int) -> Any:
 
 
 class McapFile:
-    """Writes messages to an MCAP file in ROS 2's encoding, their definitions with them.
+    """Writes messages and their definitions to an MCAP file, in ROS 2's encoding.
 
     Args:
         file: open for writing.
-        made_by: the file's ``library``.
+        made_by: becomes the file's ``library``.
     """
 
     def __init__(self, file: IO[bytes], made_by: str):
@@ -50,7 +50,7 @@ class McapFile:
         self._channels: dict[str, int] = {}
 
     def write(self, topic: str, stamp_ns: int, message: Any) -> None:
-        """Write a message, recorded at its stamp; each topic has messages of one kind."""
+        """Write a message, with its stamp as the time of recording; each topic has messages of one kind."""
         name = message.__msgtype__
         if topic not in self._channels:
             if name not in self._schemas:

@@ -22,12 +22,12 @@ except ImportError:
 
 REMEDY = "give a .bag, an .mcap, or the folder of a ROS 2 bag or its .db3"
 UNFINISHED = ".bag.active"
-"""How ROS 1 calls a bag while it is being recorded."""
+"""How the name of a ROS 1 bag ends while it is being recorded."""
 REPAIRS = {".mcap": "mcap recover", ".bag": "rosbag reindex"}
-"""What mends files that were cut off."""
+"""Tools that mend files that were cut off, by suffix."""
 STORES = {1: get_typestore(Stores.ROS1_NOETIC), 2: get_typestore(Stores.ROS2_HUMBLE)}
-"""ROS's own kinds of messages. Those that are read here are the same in all versions of ROS 1 and of ROS 2, so that
-definitions in a bag, which may be missing or strange, are not needed."""
+"""ROS's own kinds of messages. Those that are read here are the same in all versions of ROS 1 and of ROS 2, so the
+definitions in a bag, which may be missing or wrong, are not needed."""
 PLAIN = "cdr"
 """How ROS 2 encodes messages."""
 NS_PER_S = 1_000_000_000
@@ -40,8 +40,8 @@ class Topic:
 
     name: str
     kind: str
-    """Package and name of its messages, ``sensor_msgs/JointState``, with their encoding if it is not ROS's own,
-    ``Pose (json)``; empty if there are several kinds."""
+    """Package and name of its messages, such as ``sensor_msgs/JointState``, with their encoding if it is not ROS's own,
+    such as ``Pose (json)``; empty if there are several kinds."""
     messages: int
 
 
@@ -171,7 +171,7 @@ def stamp_ns(message: Any) -> int:
 
 
 def _read(path: Path, function: Callable[[], Found]) -> Found:
-    """Return what a function of the reader returns; what it raises mostly says that the file is damaged or no bag."""
+    """Return the result of a reader's function; its errors become BadFile, or MachineError for the machine's own."""
     try:
         return function()
     except TrocarError:

@@ -21,13 +21,13 @@ CUBE, SPHERE, CYLINDER, TRIANGLES = 1, 2, 3, 11
 
 
 def markers(solids: Iterable[Solid], stamp_ns: int) -> Any:
-    """Return a ``visualization_msgs/MarkerArray`` of solids, which stays and moves with the frames of their bodies."""
+    """Return a ``visualization_msgs/MarkerArray`` of solids, which stay visible and move with their bodies' frames."""
     made = (one for solid in solids for one in _shapes(solid))
     return Markers([_marker(number, stamp_ns, *one) for number, one in enumerate(made)])
 
 
 def _shapes(solid: Solid) -> Iterator[tuple[Solid, int, SE3, tuple[float, ...], NDArray[np.float64]]]:
-    """Yield what a solid is drawn as: type, pose, size (x, y, z), corners of triangles (3 n, 3)."""
+    """Yield a solid's markers: the solid, type, pose, size (x, y, z), corners of triangles (3 n, 3)."""
     none, T = np.zeros((0, 3)), solid.T_body_solid
     if solid.shape == "box":
         yield solid, CUBE, T, tuple(2 * half for half in solid.size_m), none

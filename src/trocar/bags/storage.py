@@ -1,4 +1,4 @@
-"""The files of ROS 2 bags, read without the definitions of messages in them, which may be strange or missing."""
+"""The files of ROS 2 bags, read without the message definitions in them, which may be wrong or missing."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ except ImportError:
     raise NotInstalled("a bag", "rosbags and mcap", "bags") from None
 
 PROFILE = "ros2"
-"""What an MCAP file says of itself whose messages are ROS 2's."""
+"""Profile of an MCAP file with messages of ROS 2."""
 MAGIC = b"\x89MCAP0\r\n"
-"""How an MCAP file begins and ends."""
+"""First and last bytes of an MCAP file."""
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
 Raw = tuple[Connection, int, bytes]
-"""A message as it was recorded: of which connection, when in ns since 1970, and its bytes."""
+"""A message as it was recorded: its connection, its time in ns since 1970, and its bytes."""
 
 
 class Storage(ABC):
@@ -50,10 +50,10 @@ class Storage(ABC):
 
     @abstractmethod
     def open(self) -> None:
-        """Read what topics there are."""
+        """Read the list of topics."""
 
     def close(self) -> None:
-        """Forget them."""
+        """Forget the topics."""
         self.connections = []
 
     @abstractmethod
@@ -71,10 +71,10 @@ class Database(Storage):
     """An SQLite file."""
 
     def open(self) -> None:
-        """Read what topics there are.
+        """Read the list of topics.
 
         Raises:
-            BadFile: there are messages beside it that were not moved into it.
+            BadFile: a write-ahead log beside the file has messages that were not moved into it.
         """
         self.path.open("rb").close()  # SQLite does not say why it cannot open a file
         beside = self.path.with_name(f"{self.path.name}-wal")
@@ -103,7 +103,7 @@ class Database(Storage):
             yield known[number], at_ns, data
 
     def _rows(self, query: str, *values: int) -> Generator[tuple[Any, ...], None, None]:
-        address = f"{self.path.absolute().as_uri()}?immutable=1"  # a bag stays as it is, on a read-only disk too
+        address = f"{self.path.absolute().as_uri()}?immutable=1"  # writes nothing, so it reads read-only disks
         with closing(sqlite3.connect(address, uri=True)) as database:
             yield from database.execute(query, values)
 
@@ -114,7 +114,7 @@ class Mcap(Storage):
     _indexed = False
 
     def open(self) -> None:
-        """Read what topics there are.
+        """Read the list of topics.
 
         Raises:
             BadFile: its messages are not ROS 2's.
@@ -152,7 +152,7 @@ class Mcap(Storage):
                     yield known[channel.id], message.log_time, message.data
 
     def _scan(self, file: Any) -> None:
-        """Count all messages, for want of a summary."""
+        """Count all messages, for lack of a complete summary."""
         file.seek(0)
         channels: dict[int, tuple[Schema | None, Channel]] = {}
         counts: Counter[int] = Counter()
@@ -183,7 +183,7 @@ class Ros2(Reader):
 
 
 def _require_ros2(path: Path, profile: str) -> None:
-    """Raise BadFile if the profile of an MCAP file is another."""
+    """Raise BadFile if the profile of an MCAP file is not ROS 2's."""
     if profile == PROFILE:
         return
     if profile == "ros1":

@@ -30,7 +30,7 @@ KIND = "recording of a trial"
 START_NS = 946_684_800 * NS_PER_S
 """The stamp of the trial's beginning, 2000-01-01: a stamp of 0 means that data are not valid."""
 KINDS = {"desired": "desired", "commanded": "setpoint", "measured": "measured", "true": "true"}
-"""A trial's arrays of an arm, and what CRTK calls them; it has no word for what was desired and what is true."""
+"""A trial's arrays of an arm, and CRTK's words for them; CRTK has none for desired and true joints."""
 WORLD = "world"
 INFO, WARN, ERROR = 20, 30, 40
 
@@ -48,7 +48,7 @@ Message = tuple[int, str, Any]
 
 
 def write_mcap(trial: Trial, path: str | Path) -> dict[str, int]:
-    """Write a trial as an MCAP file, and return the number of messages by topic; the same trial is the same bytes.
+    """Write a trial as an MCAP file, and return the number of messages by topic; the same trial gives the same bytes.
 
     For an arm psm1, ``/PSM1/measured_js`` has the joints at 100 Hz, ``/PSM1/jaw/measured_js`` the jaws,
     ``/PSM1/measured_cp`` the tip in the world, likewise ``setpoint_`` (commanded), ``desired_`` and ``true_``;
@@ -76,7 +76,7 @@ def _at_ns(time_s: float) -> int:
 
 
 def _fixed(trial: Trial) -> Iterator[Message]:
-    """Yield what holds from the beginning on: bodies that never move, cameras, solids."""
+    """Yield what does not change: bodies that never move, cameras, solids."""
     fixed = dict(trial.scenery.T_world_body)
     for name, camera in _cameras(trial).items():
         fixed[name] = camera.T_world_camera_registered or camera.T_world_camera
@@ -118,7 +118,7 @@ def _moving(trial: Trial) -> Iterator[Message]:
 
 
 def _spans(trial: Trial) -> Iterator[Message]:
-    """Yield the names of the spans of each arm that are under way, whenever they change."""
+    """Yield the names of each arm's spans that are under way, whenever they change."""
     found = []
     for name in trial.scenery.arms:
         mine = [span for span in trial.spans if span.arm == name]
@@ -129,7 +129,7 @@ def _spans(trial: Trial) -> Iterator[Message]:
 
 
 def _images(trial: Trial) -> Iterator[Message]:
-    """Yield the images as they were saved, and the lens of those that are a whole image of a camera of the station."""
+    """Yield the images as they were saved, with the lens if it is a whole image of one of the station's cameras."""
     known, blobs = _cameras(trial), trial.images
     taken = [(at_s, name, blob) for name, images in trial.scenery.cameras.items() for at_s, blob in images]
     for time_s, name, blob in sorted(one for one in taken if one[2] in blobs):
@@ -186,7 +186,7 @@ def _log(trial: Trial) -> Iterator[Message]:
 
 
 def _cameras(trial: Trial) -> dict[str, StationCamera]:
-    """Return the cameras of the trial's station, if that is still the one that it was made in."""
+    """Return the cameras of the trial's station; none if the station's file has changed since the trial."""
     name = trial.about["station"]
     try:
         return dict(load_station(name).cameras) if station_digest(name) == trial.about["station_digest"] else {}
@@ -204,7 +204,7 @@ def _camera_info(at_ns: int, frame: str, lens: Intrinsics) -> Any:
 
 
 def _parts(T: SE3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return places (..., 3) in m and quaternions (..., 4) wxyz."""
+    """Return positions (..., 3) in m and quaternions (..., 4) wxyz."""
     return T.translation_m, T.rotation.as_quaternion()
 
 

@@ -29,7 +29,7 @@ KINDS = "biuf"
 
 @dataclass(frozen=True, eq=False)
 class Archive:
-    """The content of such a file.
+    """The content of an archive.
 
     Attributes:
         header: JSON values; ``format`` and ``version`` tell what it is.
@@ -45,7 +45,7 @@ class Archive:
         """Write the file and return its path; the same content gives the same bytes.
 
         Raises:
-            TrocarError: there is already something else there.
+            TrocarError: something else is already there.
             MachineError: it cannot be written.
         """
         path, kind = Path(path), str(self.header["format"])
@@ -103,7 +103,7 @@ def read_archive(path: str | Path, kind: str, version: int) -> Archive:
 
 @contextmanager
 def _opened(path: str | Path, kind: str) -> Iterator[zipfile.ZipFile]:
-    """Open a zip; raise a sentence if it cannot be opened."""
+    """Yield an open zip; raise InvalidInput if it cannot be opened."""
     path = Path(path)
     if path.is_dir():
         raise InvalidInput(f"{str(path)!r}", "is a folder", f"give a file, a {kind}")

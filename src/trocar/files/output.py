@@ -1,4 +1,4 @@
-"""The only module that writes files: completely or not at all, and never over other people's files.
+"""Writing of files: completely or not at all, and never over other people's files.
 
 Every file that Trocar writes carries a mark, ``made by Trocar: KIND``. A file is replaced only by one of the same kind;
 any other file of that name stays, and the user is told.
@@ -43,7 +43,7 @@ SEARCHED_BYTES = 64 << 10
 """A mark is searched for in this many bytes at a file's beginning and at its end."""
 
 DRAFT = re.compile(r"\.trocar-\d+-\d+\.part(\.\w+)?")
-"""Names of drafts: a number of the process, and one of the file."""
+"""Names of drafts, with the numbers of the process and of the draft."""
 _NUMBERS = itertools.count()
 
 _XML = "<!-- {} -->\n".format
@@ -57,7 +57,7 @@ def mark_of(kind: str) -> str:
 
 
 def blame(error: OSError) -> type[TrocarError]:
-    """Return the error for a file that cannot be opened: of the input, if the name is invalid, or of the machine."""
+    """Return the type of error for a file that cannot be opened: the input's if its name is bad, or the machine's."""
     named_none = isinstance(error, FileNotFoundError | NotADirectoryError | IsADirectoryError)
     return TrocarError if named_none or error.errno in NO_NAME else MachineError
 
@@ -130,7 +130,7 @@ def drafted(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     clear_drafts(path.parent)
     draft, handle = _locked_draft(path)
-    while not _is_at(draft, handle):  # between its making and its lock, another process has taken it for left behind
+    while not _is_at(draft, handle):  # before it was locked, another process took it for abandoned
         os.close(handle)
         draft, handle = _locked_draft(path)
     if fcntl is None:
@@ -144,7 +144,7 @@ def drafted(path: str | Path) -> Iterator[Path]:
 
 
 def _locked_draft(path: Path) -> tuple[Path, int]:
-    """Make an empty draft beside a file; return it, and its open file, locked where that can be."""
+    """Make an empty draft beside a file; return its path and its open handle, locked if possible."""
     draft = path.with_name(f".trocar-{os.getpid()}-{next(_NUMBERS)}.part{path.suffix}")
     handle = os.open(draft, os.O_CREAT | os.O_RDWR, 0o666)
     if fcntl is not None:
@@ -191,7 +191,7 @@ def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
         mark: of its kind, if not ``mark_of(kind)``; the caller writes it into the draft.
 
     Raises:
-        TrocarError: there is something else already.
+        TrocarError: something else is already there.
         MachineError: it cannot be written.
     """
     with replacing(require_place(path, kind, mark=mark)) as draft:
@@ -200,7 +200,7 @@ def writing(path: str | Path, kind: str, mark: str = "") -> Iterator[Path]:
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """As :func:`writing`, for a file without a mark of its own, in a folder that a marked file shows to be Trocar's."""
+    """Do as :func:`writing`, for a file without a mark, in a folder that another file's mark shows to be Trocar's."""
     path = Path(path)
     try:
         with drafted(path) as draft:

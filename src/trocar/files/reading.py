@@ -1,4 +1,4 @@
-"""The only module that reads numbers from files: nothing that a file claims is trusted before it is checked."""
+"""Reading of JSON and NumPy files: nothing that a file claims is trusted before it is checked."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def require_short_list(path: str | Path) -> None:
 
 
 def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays in an ``.npz`` by name, or that in an ``.npy`` under the empty name.
+    """Return the arrays in an ``.npz`` by name, or the one in an ``.npy`` under the empty name.
 
     Raises:
         OSError: it cannot be read.
@@ -101,7 +101,7 @@ def _too_large(path: Path) -> TrocarError:
 
 
 def read_numbers(path: str | Path, what: str, name: str = "") -> NDArray[np.float64]:
-    """Return the numbers in an ``.npy``, or in the array of this name in an ``.npz``; ``what`` they are is for errors.
+    """Return the numbers in an ``.npy``, or in an ``.npz``'s array of this name; errors call them ``what``.
 
     Raises:
         BadFile: there is no such file, or it holds no such numbers.
@@ -121,7 +121,7 @@ def read_numbers(path: str | Path, what: str, name: str = "") -> NDArray[np.floa
 
 
 def array_of(data: bytes) -> NDArray[Any]:
-    """Return the array in the bytes of an ``.npy``, whose header is checked against their number.
+    """Return the array in the bytes of an ``.npy``, after a check of its header against the number of bytes.
 
     Raises:
         ValueError: it is not an .npy, is not what its header claims, or holds Python objects.

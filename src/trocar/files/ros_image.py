@@ -27,7 +27,7 @@ def pixels(message: Any) -> NDArray[Any]:
     Rows may be padded, and bytes swapped.
 
     Raises:
-        Damaged: there are none, or more or fewer than it claims.
+        Damaged: the message has no pixels, or more or fewer than it claims.
     """
     kind, channels, order = ENCODINGS[message.encoding]
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")

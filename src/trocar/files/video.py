@@ -1,4 +1,4 @@
-"""MP4 files: frames are encoded as H.264 as they come, so one is in memory at a time."""
+"""MP4 files, encoded as H.264 frame by frame, so only one frame is in memory at a time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.errors import NotInstalled
 
 Frame = Callable[[NDArray[np.uint8] | None], None]
-"""Adds a frame (h, w, 3) RGB; None: the one before once more."""
+"""Adds a frame (h, w, 3) RGB; None: repeats the last one."""
 
 
 def require_encoder() -> None:
