@@ -1,4 +1,4 @@
-"""Access to a server's arms: refuse the commands of all but the clients that may command, and note who commands."""
+"""Access to a server's arms: refuse commands of clients that may not command, and note who commands."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from trocar.lab.topics import LOOPBACK
 ANYBODY = "*"
 THIS_MACHINE = "localhost"
 KNOWN_S = 5.0
-"""ROS 2 tells the node of a new publisher within two seconds; after this time, a node is no longer looked up."""
+"""ROS 2 tells the node of a new publisher within two seconds; later, it is no longer looked up."""
 AGAIN_S = 0.1
-"""Until then, this is the time between two look-ups."""
+"""Time between look-ups until then."""
 TOGETHER_S = 1.0
 """Two clients that move an arm within this time do so at the same time."""
 Message = TypeVar("Message")
@@ -78,7 +78,7 @@ class AccessBus:
     def subscriber(
         self, topic: str, kind: type[Message], *, latched: bool = False, kept: int = KEPT_UNREAD
     ) -> Subscriber[Message]:
-        """Return a subscriber of a topic, which receives only messages of clients that may command."""
+        """Return a subscriber of a topic that receives only messages of clients that may command."""
         inner, arm = self._bus.subscriber(topic, kind, latched=latched, kept=kept), self._arm_of(topic)
         return inner if arm is None else _Admitting(inner, self, arm, topic)
 

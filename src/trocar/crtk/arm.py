@@ -48,9 +48,9 @@ ALONE_S = 0.03
 """The connection is lost when nobody has published for this long."""
 HEARD_S = 0.5
 HEARD, HEARD_JAW_RAD = np.array([5e-3, 5e-3, 5e-4, 5e-3, 5e-3, 5e-3]), 5e-3
-"""``HEARD_S`` after the last new set-point, a controller that received it holds it to within this much (rad and m)."""
+"""``HEARD_S`` after a new set-point, a controller that received it holds it to within this much (rad and m)."""
 REMEMBERED = 500
-"""Number of stamps of sent messages that are kept, to tell these messages from those of other senders."""
+"""Number of stamps of sent messages that are kept, to tell them from messages of others."""
 RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3])
 """rad and m: a Raven cuts off larger increments of its joints (uw-biorobotics/raven2, branch crtk)."""
 ROUNDING = 1e-9
@@ -61,8 +61,8 @@ class CrtkArm:
     """One arm: reads ``measured_js`` of its joints and jaws, and sends the commands that the station's file names.
 
     After a fault, or readings older than the loop tolerates, nothing more is sent, and the arm must be connected anew.
-    Others may move the arm then. And what is sent into a broken network arrives all at once when the network recovers:
-    a whole braking path in one step. If this process itself stood still, it reads before it sends.
+    Others may move the arm then; and what is sent into a broken network arrives all at once when it recovers, a whole
+    braking path in one step. If this process itself stood still, it reads before it sends.
 
     Args:
         name: of the arm.
@@ -70,7 +70,7 @@ class CrtkArm:
 
     Raises:
         InvalidInput: the arm publishes nothing, does not subscribe to its commands, is not enabled and homed, is busy,
-            has joints that its dialect does not name, or has its readings published by two programs.
+            names other joints than its dialect's, or has its readings published by two programs.
     """
 
     def __init__(self, name: str, topics: Topics):
@@ -159,8 +159,8 @@ class CrtkArm:
         """Return the encoders' reading, whose age counts from its arrival.
 
         Raises:
-            ArmFault: readings ended or were too old, the arm is not enabled and homed any more, it does not hold what
-                it was sent, or somebody else commands it.
+            ArmFault: readings ended or were too old, or the arm is not enabled and homed any more, does not hold what
+                it was sent, or is commanded by somebody else.
         """
         self._take()
         self._looked_s = time.monotonic()
@@ -173,7 +173,7 @@ class CrtkArm:
         return HardwareReading(q, jaw_rad, age_s)
 
     def _found(self, age_s: float) -> ArmFault | None:
-        """Return what is wrong with the arm; None: nothing is."""
+        """Return what is wrong with the arm, or None."""
         for topic, source in self._others.items():
             foreign = [message for message in source.take() if _stamp(message) not in self._sent]
             if foreign:
@@ -193,7 +193,7 @@ class CrtkArm:
         return self._unheard()
 
     def _unfit(self) -> ArmFault | None:
-        """Return what the arm's controller says is wrong; None: nothing is."""
+        """Return what the arm's controller says is wrong, or None."""
         state = self._state.last
         assert state is not None
         if state.state != "ENABLED":
@@ -208,7 +208,7 @@ class CrtkArm:
     def _unheard(self) -> ArmFault | None:
         """Return a fault if the arm's controller does not hold the last set-point, which was then lost on its way.
 
-        Near the end of a motion, the readings alone may not show this: a moving arm may lag behind by as much.
+        Near the end of a motion, readings may not show this: a moving arm may lag behind by as much.
         """
         setpoint, jaw = self._setpoint, self._jaw_setpoint
         if self._dialect is Dialect.RAVEN or min(setpoint.at_s, jaw.at_s) < self._new_s + HEARD_S:
@@ -282,5 +282,5 @@ def _stamp(message: Any) -> tuple[int, int]:
 
 
 def connect(name: str, topics: Topics) -> CrtkArm:
-    """Connect an arm; give ``HardwareLaboratory`` a ``functools.partial(connect, topics=station.crtk)``."""
+    """Connect an arm; ``HardwareLaboratory`` takes ``functools.partial(connect, topics=station.crtk)``."""
     return CrtkArm(name, topics)

@@ -62,8 +62,8 @@ class Keeping(TypedDict, total=False):
 
     Attributes:
         latched: late readers get the last message.
-        kept_s: a latched message that is older than this is not sent to late readers (ROS 1: none is).
-        kept: number of newest messages that wait for a reader that is slow or away; None: the usual number.
+        kept_s: but not if it is older than this (ROS 1: then they get none).
+        kept: number of newest messages that wait for a slow reader; None: as usual.
     """
 
     latched: bool
@@ -85,7 +85,7 @@ class Bus(Protocol):
         ...
 
     def endpoints(self) -> list[Endpoint]:
-        """Return all publishers and subscribers, of every program, that have been discovered so far."""
+        """Return all publishers and subscribers, of every program, discovered so far."""
         ...
 
     def client(self, sender: Hashable) -> Client:
@@ -110,7 +110,7 @@ class Subscriber(ABC, Generic[Message]):
 
     Attributes:
         last: the newest message so far; None before the first.
-        at_s: the machine's monotonic clock when ``last`` arrived, or was taken if its arrival is not known.
+        at_s: the machine's monotonic clock when ``last`` arrived, or was taken, if that is not known.
         sent_by: who sent each message of the last ``take``; ``Bus.client`` tells who that is.
     """
 

@@ -25,7 +25,7 @@ POLL_S = 0.002
 AHEAD_S = 0.05
 """A stamp may be this far in the future: some drivers stamp the end of an exposure that has begun."""
 KEPT = 3
-"""Number of images that may wait to be taken; an image of full size has nine megabytes."""
+"""Number of images that may wait to be taken; one of full size has nine megabytes."""
 
 
 class ImageFault(Enum):
@@ -64,7 +64,7 @@ class CrtkCamera:
         now_s: the cell's clock.
 
     Raises:
-        InvalidInput: it publishes no ``camera_info``, or one with another size of images.
+        InvalidInput: it publishes no ``camera_info``, or one with another image size.
     """
 
     def __init__(self, name: str, model: CameraModel, topics: Topics, now_s: Callable[[], float] = time.monotonic):

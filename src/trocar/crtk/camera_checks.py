@@ -106,4 +106,4 @@ CAMERA = {
     "lens": ("the station's", lens),
     "images": (f"the station's size, {LATE_S:g} s after their stamps at most", images),
 }
-"""Checks by name, in the order in which they are made: the expected result in words, and the test."""
+"""Checks by name, in order: the expected result in words, and the test."""

@@ -36,7 +36,7 @@ def require_joints(dialect: Dialect, names: Sequence[str], who: str) -> tuple[st
     """Return the names of an arm's joints in the order of its controller, which ignores names in commands.
 
     Raises:
-        InvalidInput: the names are not the dialect's, so the joints cannot be told apart.
+        InvalidInput: the names are not the dialect's.
     """
     expected, plain = joint_names(dialect), tuple(plain_name(dialect, name) for name in names)
     if not plain or plain == tuple(f"outer_{name}" for name in expected):  # dVRK 1.x

@@ -17,9 +17,9 @@ from trocar.hardware.laboratory import registered
 from trocar.lab.station import Station
 
 POSE_M, POSE_RAD = 2e-3, 0.02
-"""Poses this close to each other count as equal: models of one instrument differ by less."""
+"""Poses this close count as equal: models of one instrument differ by less."""
 FRAME_M, FRAME_RAD = 10e-3, 0.05
-"""Likewise for poses in the world, where more is allowed: a base is registered anew in each session."""
+"""Likewise in the world, where a base is registered anew in each session."""
 TOOL_M = 0.05
 """Greatest distance of a point of the tool from its tip."""
 SAMPLES = 20
@@ -108,7 +108,7 @@ def _shrunk(T: SE3, factor: float) -> SE3:
 
 
 def apart(a: SE3, b: SE3) -> tuple[float, float]:
-    """Return the greatest distance (m) and angle (rad) between poses (n,) and their counterparts (n,)."""
+    """Return the greatest distance (m) and angle (rad) between corresponding poses (n,)."""
     D = a.inverse() @ b
     return float(np.linalg.norm(D.translation_m, axis=-1).max()), float(D.rotation.angle().max())
 

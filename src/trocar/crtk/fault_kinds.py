@@ -272,7 +272,7 @@ KINDS: Mapping[str, Kind] = {
 
 
 def shifted(header: Header, by_s: float) -> Header:
-    """Return a header with its stamp shifted by ``by_s``, unless the stamp is 0, which is not valid."""
+    """Return a header with its stamp shifted by ``by_s``; a stamp of 0, which is not valid, stays."""
     if header.stamp.sec == 0:
         return header
     sec, ns = divmod(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec + round(1e9 * by_s), 1_000_000_000)

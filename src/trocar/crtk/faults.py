@@ -135,7 +135,7 @@ class FaultyBus:
         return self._bus.client(sender)
 
     def _now_s(self) -> float:
-        """Return the time since the start; first repeat the latched topics of faults that begin now."""
+        """Return the time since the start; repeat the latched topics of faults that begin now."""
         now_s = self._clock() - self._start_s
         while self._begins and self._begins[0][0] <= now_s:
             self._begins.pop(0)[1].repeat()
@@ -150,7 +150,7 @@ class FaultyBus:
         return None, topic
 
     def _swapped(self, topic: str) -> str:
-        """Return the topic to use instead: that of the other arm, if the arm is one of two that are swapped."""
+        """Return the topic to use instead: the other arm's, if two arms are swapped."""
         arm, what = self.arm_of(topic)
         arms = list(self._station.arms)
         for fault in self._faults:

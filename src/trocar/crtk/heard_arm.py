@@ -21,7 +21,7 @@ from trocar.lab.topics import Topics
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of a check: whether all is well (None: the check cannot tell), the value found, and the remedy."""
+    """Result of a check: whether all is well (None: unknown), the value found, and the remedy."""
 
     well: bool | None
     found: str
@@ -93,7 +93,7 @@ class ArmHeard:
 
     @cached_property
     def explained(self) -> Explanation | None:
-        """Return how the arm's poses differ from those of its joints, and why; None: there is nothing to compare."""
+        """Return how the arm's poses differ from those of its joints, and why; None: nothing to compare."""
         stamps_s, q = self.joints("measured_js")
         at_s, T = self.poses("local/measured_cp")
         if len(stamps_s) == 0 or len(at_s) == 0 or "finite" in self.failed:
@@ -102,6 +102,6 @@ class ArmHeard:
         return explain(self.station.arms[self.arm].model, at, T)
 
     def after(self, *names: str) -> Finding | None:
-        """Return why a check cannot be made, if one of these earlier checks did not pass."""
+        """Return why a check cannot be made, if one of these did not pass."""
         wrong = [name for name in names if name in self.failed]
         return Finding(None, f"cannot be told: see {wrong[0]}") if wrong else None

@@ -1,4 +1,4 @@
-"""Images as ROS cameras publish them: make and read their messages, and cut windows out of images."""
+"""Images as ROS cameras publish them: make and read messages, and cut out windows."""
 
 from __future__ import annotations
 

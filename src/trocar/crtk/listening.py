@@ -84,8 +84,7 @@ class Heard:
         messages: of each topic, in the order in which they came.
         endpoints: publishers and subscribers that were there.
         pause_s: longest time for which other programs held the listener up; its own work does not count.
-        blind_s: after a long time without a look: this time, by when the listener looked again. Messages that it found
-            then came at some moment within this time.
+        blind_s: by the time of each late look, the time since the look before; what it found came within this time.
     """
 
     messages: Mapping[str, Sequence[Message]]

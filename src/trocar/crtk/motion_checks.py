@@ -222,4 +222,4 @@ MOTION = {
         following,
     ),
 }
-"""Checks by name, in the order in which they are made: the expected result in words, and the test."""
+"""Checks by name, in order: the expected result in words, and the test."""

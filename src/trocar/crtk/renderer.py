@@ -24,7 +24,7 @@ from trocar.sim.cameras import CameraRenderer
 from trocar.sim.world import WorldCopy
 
 PRIORITY = 1
-"""Real-time priority, below the arms' and above ordinary processes: a real camera waits for no program of a user."""
+"""Real-time priority, below the arms' and above ordinary processes: a real camera does not wait for programs."""
 NICE = 5
 """Added to the process's niceness where real-time priority is not permitted, because the arms come first."""
 QUIET_S = 0.3
@@ -39,7 +39,7 @@ class Exposure:
         camera: name.
         header: of its messages: the time of the exposure.
         state: of the physics.
-        kept: a trigger asked for it, so it is kept for the trial's file; else it is made only if anybody subscribes.
+        kept: it was triggered, so it is kept for the trial's file; else it is made only if anybody subscribes.
     """
 
     camera: str

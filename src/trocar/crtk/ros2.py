@@ -77,7 +77,7 @@ class Ros2Bus:
         return _CameraReader(reader, wanted, kept) if kind in (Image, CameraInfo) else _Reader(reader(), kept)
 
     def endpoints(self) -> list[Endpoint]:
-        """Return all publishers and subscribers, of every program, that have been discovered so far."""
+        """Return all publishers and subscribers, of every program, discovered so far."""
         return self._graph.endpoints()
 
     def client(self, sender: Hashable) -> Client:
@@ -90,7 +90,7 @@ class Ros2Bus:
 
 @cache
 def _participant(interface: str, peers: tuple[str, ...], domain: int) -> tuple[Any, Graph]:
-    """Return this process's participant and its graph; cached, since a process can configure a domain only once."""
+    """Return this process's participant and its graph; a process can configure a domain only once."""
     hosts = "".join(f'<Peer address="{host}"/>' for host in (interface, *peers))
     text = CONFIGURATION.format(interface=interface, peers=hosts, vendor=FAST_DDS, buffer=BUFFER)
     try:

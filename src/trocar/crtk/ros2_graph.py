@@ -82,7 +82,7 @@ class Graph:
         self._node_of: dict[UUID, str] = {}
 
     def endpoints(self) -> list[Endpoint]:
-        """Return all publishers and subscribers that have been discovered so far."""
+        """Return all publishers and subscribers discovered so far."""
         clients = self._clients()
         return [
             Endpoint(
@@ -103,7 +103,7 @@ class Graph:
         return Client(self._node_of.get(endpoint.key, ""), client.addresses, client.process)
 
     def _clients(self) -> dict[UUID, Client]:
-        """Return the participants as clients without nodes; note the nodes of their endpoints in ``_node_of``."""
+        """Return the participants as clients without nodes; note the nodes of their endpoints."""
         for told in self._nodes.take(N=MOST):
             if not isinstance(told, InvalidSample):
                 for node in told.node_entities_info_seq:
@@ -123,7 +123,7 @@ def _is_there(endpoint: Any) -> bool:
 
 
 def _client(participant: Any) -> Client:
-    """Return a participant's addresses, as Cyclone finds them, and process, as Cyclone or Fast DDS tells it."""
+    """Return a participant's addresses and process, as Cyclone or Fast DDS tells them."""
     told = {one.key: one.value for one in participant.qos if isinstance(one, Policy.Property)}
     addresses = [one.partition("/")[2].rpartition(":")[0] for one in told.get("__NetworkAddresses", "").split(",")]
     process = told.get("__Pid") or told.get("fastdds.physical_data.process", "")

@@ -45,8 +45,7 @@ ANSWER_S = 0.25
 """The state is published again this long after a new reader or a state command comes: rclpy believes that it receives a
 topic .1 s before it does (measured)."""
 AGAIN_S = (1.0, 2.0, 3.0, 4.0)
-"""The state is also published again at these times: on a busy machine, a new reader missed it and waited in vain
-(measured)."""
+"""For a new reader, also this much later: on a busy machine, one missed the state and waited in vain (measured)."""
 STEP_TOLERANCE = 1e-6
 SAME = 1e-12
 """rad, m, and per second: an arm this close to the last set-point has reached it."""

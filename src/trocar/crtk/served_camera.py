@@ -21,8 +21,7 @@ from trocar.sim.world import state_of
 AHEAD = 2
 """Number of images that may wait at the renderer."""
 CLOCK_S = 0.03
-"""Requests in this last part of an exposure start another one. So the clock of a client may be ahead by this much, and
-its images are still later than its requests."""
+"""Requests in this last part of an exposure start another one, so a client's clock may be ahead by this much."""
 START_S = 120.0
 """Time in which the renderer must get ready."""
 END_S = 5.0
@@ -33,8 +32,8 @@ class ServedCameras:
     """Publishes images of a simulated laboratory: a context manager, whose renderer ends with it.
 
     A camera runs freely until something comes on its topic ``trigger``; from then on it exposes an image for each
-    trigger and no other. Triggered images draw their noise from the random numbers of the laboratory's own cameras, so
-    they are the images that a script in the laboratory would see.
+    trigger and no other. Triggered images draw the noise of the laboratory's own cameras, so they are the images that
+    a script in the laboratory would see.
 
     Args:
         laboratory: the cell.

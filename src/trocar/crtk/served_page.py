@@ -33,7 +33,7 @@ class ServedPage:
 
     Args:
         laboratory: the cell.
-        served: serves it.
+        served: its server.
         topics: namespaces, and the network on which images come.
         title: of the page.
         colours: of bodies, for people, by the beginning of their names.

@@ -1,4 +1,4 @@
-"""Serve a simulated cell, with its cable errors and grasps by friction, as a robot that speaks CRTK in real time."""
+"""Serve a simulated cell as a robot that speaks CRTK, in real time, with cable errors and grasps by friction."""
 
 from __future__ import annotations
 
@@ -20,13 +20,12 @@ from trocar.robots import TICK_S
 from trocar.sim.laboratory import SimLaboratory
 
 STEADY, AHEAD_S, SLOWEST = 0.02, 0.005, 0.1
-"""Each tick corrects the share ``STEADY`` of the difference between the ticks' own time and the machine's. Where it is
-ahead by more than ``AHEAD_S``, the ticks' time slows down, but not below ``SLOWEST`` of its speed. So stamps neither go
-back nor come from the future."""
+"""Each tick corrects the share ``STEADY`` of the difference between the ticks' time and the machine's. If it is more
+than ``AHEAD_S`` ahead, the ticks' time slows down, but not below ``SLOWEST`` of its speed: stamps neither go back nor
+come from the future."""
 
 MAX_LATE_S = 0.1
-"""After a longer stop, the ticks' time jumps to the machine's, as a robot's clock does; after a shorter one, the ticks
-catch up."""
+"""After a longer stop, the ticks' time jumps to the machine's; after a shorter one, the ticks catch up."""
 
 
 class CrtkServer:
@@ -77,7 +76,7 @@ class CrtkServer:
     async def serve(self, cell: Cell) -> None:
         """Serve for ever."""
         gc.collect()
-        gc.freeze()  # objects made so far stay, and to scan them again would take several ticks
+        gc.freeze()  # objects made so far stay; to scan them again takes several ticks
         async with trio.open_nursery() as nursery:
             while True:
                 self._now_s += TICK_S / self._speed

@@ -82,7 +82,7 @@ class SetPoints:
         return first + (following - first) * ((play_s - first_s) / (next_s - first_s))
 
     def _in_step(self, at_s: float, last_s: float) -> float:
-        """Return when to play back a set-point due at ``at_s``: a period after the last, unless it is far from that."""
+        """Return when to play back a set-point due at ``at_s``: a period after the last, unless that is far off."""
         period_s = float(np.median(self._intervals_s))
         off_s = at_s - last_s - period_s
         drift_s = MAX_DRIFT * period_s

@@ -15,11 +15,10 @@ RATE_HZ = 50.0
 """A loop of 100 Hz needs at least every other reading."""
 GAP_S, JITTER_S, LATENCY_S = 0.1, 0.02, 0.05
 CLOCK_S, AHEAD_S = 1.0, 0.01
-"""A message that comes ``CLOCK_S`` after its stamp, or ``AHEAD_S`` before it, has a wrong stamp: no robot's network
-delays messages that long."""
+"""A stamp is wrong if its message comes ``CLOCK_S`` later (no robot's network is so slow), or ``AHEAD_S`` earlier."""
 PAUSE_S, SEEN_SHARE = 0.03, 0.5
-"""A listener cannot tell how late messages came if other programs hold it up for longer, or if it finds less than this
-share of a topic's messages at once."""
+"""Arrival times are unknown if other programs hold the listener up for longer, or if it finds less than this share of a
+topic's messages at once."""
 
 
 def topics(about: ArmHeard) -> Finding:
@@ -177,7 +176,7 @@ def _longest_gap_s(messages: Sequence[Message], blind_s: Mapping[float, float]) 
 
 
 def _unseen(about: ArmHeard) -> Finding | None:
-    """Return why the arrival times of messages are unknown; None: they are known."""
+    """Return why arrival times are unknown, or None."""
     if not about.streams:
         return Finding(None, "nothing came")
     if any(len(about.ages[topic]) < SEEN_SHARE * len(messages) for topic, messages in about.streams.items()):
@@ -186,7 +185,7 @@ def _unseen(about: ArmHeard) -> Finding | None:
 
 
 def _busy(about: ArmHeard) -> Finding | None:
-    """Return why times cannot be judged; None: they can."""
+    """Return why times cannot be judged, or None."""
     if about.heard.pause_s > PAUSE_S:
         held_up = f"the doctor itself was held up for {1e3 * about.heard.pause_s:.0f} ms"
         return Finding(None, f"this machine is busy: {held_up}")
@@ -207,4 +206,4 @@ WIRE = {
     "latency": (f"{1e3 * LATENCY_S:g} ms or less", latency),
     "jitter": (f"95 % within {1e3 * JITTER_S:g} ms", jitter),
 }
-"""Checks by name, in the order in which they are made: the expected result in words, and the test."""
+"""Checks by name, in order: the expected result in words, and the test."""

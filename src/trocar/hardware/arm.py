@@ -36,8 +36,8 @@ class HardwareArm(Protocol):
 
     The driver lives in the loop's process. Any exception stops the arm and is reported to the script that moved it; an
     ``ArmFault`` from ``read`` keeps its kind. A driver that passes a set-point on in parts may have an attribute
-    ``behind``. While it is true, the motions of all arms wait and the set-point is sent again, so that no part of it is
-    left to send when the motions stop.
+    ``behind``. While it is true, the motions of all arms wait and the set-point is sent again, so a stop leaves no part
+    unsent.
     """
 
     def commanded(self) -> tuple[NDArray[np.float64], float]:
@@ -76,7 +76,7 @@ class LoopSettings:
         following_rad: fault if a revolute joint reads further than this from every set-point of the last ``lag_s``.
         following_m: likewise for a prismatic joint.
         watchdog_s: arms brake if the scripts' process gives no sign of life for this long.
-        priority: of the loop under Linux's real-time scheduler, where permitted; 0: an ordinary process.
+        priority: of the loop under Linux's real-time scheduler, where permitted; 0: ordinary.
     """
 
     tick_s: float = TICK_S

@@ -18,7 +18,7 @@ class RobotKind:
     """One kind of real robot.
 
     Attributes:
-        about: description of one line.
+        about: one-line description.
         connect: connects the arms and cameras of a station; takes the station and a listener for each event.
         where: says how an arm of a station is reached and what is sent to it; a person reads this before the arm moves.
     """

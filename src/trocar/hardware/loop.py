@@ -46,8 +46,8 @@ MAX_UNSENT = 1000
 """While this many reports wait to be sent, further ones are dropped unless a script may wait for them."""
 LAST_WORDS_S = 0.5
 FOR_THE_SCRIPT = ("SIGINT", "SIGHUP", "SIGQUIT", "SIGTSTP")
-"""Ctrl-C, a closed terminal, Ctrl-backslash and Ctrl-Z are for the script, and the loop ignores them. The script brakes
-the arms, or the loop does when the script ends or falls silent, so the loop must go on."""
+"""Ctrl-C, a closed terminal, Ctrl-backslash and Ctrl-Z are for the script, and the loop goes on: the script brakes the
+arms, or the loop does when the script ends or falls silent."""
 
 
 class HardwareLoop:
@@ -236,7 +236,7 @@ class HardwareLoop:
         arm, step = self._arms[name], q[-1] - self._sent[name][-1]
         bound = arm.limits.velocity * self.settings.tick_s
         change = np.abs(velocity[-1] - self._velocity[name]) / (arm.limits.acceleration * self.settings.tick_s)
-        # twice the acceleration: a motion may take over with a change of velocity that takes a tick (_refusal)
+        # twice: a motion may take over with a jump of velocity, which _refusal bounds
         if not (
             np.all(np.abs(step) <= bound * (1 + STEP_TOLERANCE) + 1e-12) and change.max() <= 2 * (1 + STEP_TOLERANCE)
         ):
@@ -253,7 +253,7 @@ class HardwareLoop:
         self._velocity[name] = velocity[-1]
 
     def _reading(self, name: str) -> JointReading | None:
-        """Return an arm's reading, or None if it is not valid; stop an arm that has none or does not follow."""
+        """Return an arm's reading, or None; stop an arm without a valid one, or that does not follow."""
         if name in self._dead:
             return None
         try:

@@ -39,8 +39,7 @@ class HardwareRobot:
     """Arms that a loop in its own process drives (``trocar.hardware.loop``), to be wrapped in ``Guarded``.
 
     ``read``, ``setpoint`` and ``remaining`` return what the loop last reported. The set-point of a moving arm is that
-    of ``lead_ticks`` later, so that a motion that takes over there reaches the loop in time. One that comes too late is
-    refused.
+    of ``lead_ticks`` later, so a motion that takes over there reaches the loop in time. A late one is refused.
 
     Args:
         arms: by name.
@@ -129,11 +128,11 @@ class HardwareRobot:
         return replace(reading, time_s=self._time_s(reading.time_s))
 
     def setpoint(self, arm: str) -> SetPoint:
-        """Return the arm's set-point: at rest the present one, in motion where a motion that takes over must start."""
+        """Return the present set-point at rest; in motion, the one where a motion that takes over must start."""
         now, time_s = self.report(arm).setpoint, self._time_s(self._report.clock_s)
         job = next((job for job in reversed(self._jobs.values()) if arm in job.motions and arm in job.arms), None)
         if job is not None and job.at_tick is not None and job.at_tick >= self._report.tick:
-            # not begun yet: the next motion of a stream takes over from this one, and need not wait until it begins
+            # not begun yet: the next motion of a stream takes over from this one, without waiting for its start
             ticks = self._report.tick + self.settings.lead_ticks - job.at_tick
             motion = job.motions[arm]
             path_s = float(motion.times_s[0] + ticks * self.settings.tick_s)
@@ -191,10 +190,9 @@ class HardwareRobot:
         return {name: job.result(name, self.origin_s) for name in motions}
 
     async def _stopped(self, job: Job, began: Mapping[str, tuple[Trajectory, float]]) -> None:
-        """Brake the motions of a cancelled call, and return when they have ended.
+        """Brake the motions of a cancelled call; return when they have ended.
 
-        A motion that another one is about to replace is left alone. If that other one is refused, the motion goes on,
-        and is then told to brake.
+        A motion that another one is to replace is left alone, but told to brake if that other one is refused.
         """
         told: set[str] = set()
         while not job.over.is_set():
@@ -327,8 +325,7 @@ class HardwareRobot:
     async def _live(self) -> None:
         """Send signs of life, and watch for the loop's.
 
-        Silence is counted in looks that find nothing new, not in time: if this process itself stood still, the loop is
-        not to blame.
+        Silence is counted in checks, not in time: if this process itself stood still, the loop is not to blame.
         """
         tick, silent_s = -1, 0.0
         while True:
@@ -343,13 +340,12 @@ class HardwareRobot:
                 raise self._gone
 
     async def fresh(self) -> None:
-        """Return when a report later than this call has come; everything before it is then processed."""
+        """Return when a report later than this call, and all before it, are processed."""
         now_s = time.monotonic()
         while self._gone is None and self._report.time_s < now_s:
             await trio.sleep(self.settings.tick_s)
 
     def _take(self, report: Report) -> None:
-        """Process one report."""
         self._report: Report = report
         self._rows.append(report)
         for fault in report.faults:
@@ -396,7 +392,7 @@ class HardwareRobot:
         self._note("fault", arm=fault.arm, fault=fault.fault.name.lower(), reason=str(fault))
 
     def _abandon(self, detail: str = "") -> None:
-        """End the wait of every script, now and later: the loop is gone."""
+        """End every script's wait, now and later: the loop is gone."""
         if self._gone is None:
             self._gone = ArmFault(self.names[0], Fault.GONE, detail)
             self._note_fault(self._gone)
