@@ -121,7 +121,7 @@ def circle(at):
 
 
 def storyboard(at):
-    return draw_storyboard([("a", np.zeros((20, 20, 3), np.uint8))], at("story.png"))
+    return draw_storyboard([("a", np.zeros((20, 20, 3), np.uint8))], at("story.png"), "a story")
 
 
 CASES = (kept_recording, kept_model, kept_prior, kept_trial, kept_run, kept_archive, kept_station, kept_points)

@@ -137,7 +137,7 @@ def _there(trials: Sequence[Trial]) -> tuple[int, int]:
     return 1 + max(session for session, _ in places), 1 + max(index for _, index in places)
 
 
-def draw_trial(trial: Trial, path: Path, report: TaskReport) -> Path:
+def draw_trial(trial: Trial, path: str | Path, report: TaskReport) -> Path:
     """Draw the main moments of a trial as a storyboard, and return its path."""
     photographer = photographer_of(trial, report)
     frames = [(caption, photographer.picture(time_s)) for caption, time_s in report.moments(trial)]

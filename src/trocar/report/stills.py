@@ -47,8 +47,11 @@ def photographer_of(trial: Trial, report: TaskReport, scale: float = 1.0) -> Off
     return OffscreenCamera(trial.replay(), report.view, report.colours, scale, report.frame(trial))
 
 
-def draw_storyboard(frames: Sequence[tuple[str, NDArray[np.uint8]]], path: Path, title: str, columns: int = 4) -> Path:
+def draw_storyboard(
+    frames: Sequence[tuple[str, NDArray[np.uint8]]], path: str | Path, title: str, columns: int = 4
+) -> Path:
     """Draw captioned pictures ((height, width, 3) uint8 RGB) in a grid, in order, and return the path."""
+    path = Path(path)
     if not frames:
         raise InvalidInput("a storyboard", "needs at least one picture", "the trial kept none")
     kept = [frames[i] for i in np.linspace(0, len(frames) - 1, min(MAX_PICTURES, len(frames))).round().astype(int)]
