@@ -9,6 +9,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from trocar.log import machine_speed
 from trocar.tasks.suture.commands.plan_suture import suture
 from trocar.tasks.suture.planning.plan import load_plan
 
@@ -305,10 +306,11 @@ def test_the_command_has_at_most_twenty_options():
 def test_the_planner_takes_as_long_as_a_warm_one_and_the_command_about_a_second():
     """The time that is printed is not that of imports: of the first call it would be five times as long."""
     line = [sys.executable, "-m", "trocar", "plan", "suture", "--json"]
-    compute_ms, took_s = [], []
+    compute_ms, took_s, speed = [], [], machine_speed()
     while len(took_s) < 3 or (min(compute_ms) >= 15.0 and len(took_s) < 10):  # a busy machine holds single ones up
         started = time.perf_counter()
-        compute_ms.append(json.loads(subprocess.run(line, capture_output=True, check=True).stdout)["compute_ms"])
-        took_s.append(time.perf_counter() - started)
+        found = json.loads(subprocess.run(line, capture_output=True, check=True).stdout)
+        took_s.append((time.perf_counter() - started) * speed)
+        compute_ms.append(found["compute_ms"] * speed)  # as on the machine for which budgets were declared
     assert sum(took_s) / len(took_s) < 3.0
     assert min(compute_ms) < 15.0
