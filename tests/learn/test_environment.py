@@ -11,6 +11,7 @@ import trocar.learn.envs
 from trocar.arms import fk
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval import TASKS
+from trocar.learn import environment
 from trocar.learn.control import ACTIONS
 from trocar.learn.environment import CellEnv
 from trocar.registry import load_plugin
@@ -165,6 +166,21 @@ def test_the_budget_truncates_and_nothing_follows(peg):
     assert (steps, terminated, info["score"]) == (120, False, 0.0)
     with pytest.raises(InvalidInput, match=r"step\(\) has no episode to go on with.*reset"):
         peg.step(action)
+
+
+def test_the_referee_looks_once_a_second_and_less_often_in_a_long_episode(monkeypatch):
+    looks = {}
+    for share in (0.03, 1.0):
+        monkeypatch.setattr(environment, "REFEREE_SHARE", share)
+        env = CellEnv("peg-transfer", transfers=1, budget_s=4.5)
+        env.reset(seed=0)
+        action, over, looks[share] = still(env), False, []
+        while not over:
+            over = env.step(action)[3]
+            looks[share].append(round(env._scored_s, 1))
+        env.close()
+    assert sorted(set(looks[0.03])) == [0.0, 1.0, 2.0, 3.0, 4.0, 4.5], "and at the end"
+    assert sorted(set(looks[1.0])) == [0.0, 1.0, 2.0, 4.0, 4.5]
 
 
 def test_bad_actions_are_refused_in_a_sentence_and_nothing_is_lost(peg):
