@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from math import factorial
 
 import numpy as np
 import trio
@@ -15,10 +16,12 @@ from trocar.cell import Cell, JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import ArmStopped, MotionRefused, OutOfReach, StartMismatch, TrocarError
 from trocar.geometry import SE3
 from trocar.tasks.debridement.agents.inverse_control import command_for, commands_for, corrected
+from trocar.tasks.debridement.agents.pacing import paced
 from trocar.tasks.debridement.pose import PoseEstimator
 from trocar.trajectory import Trajectory
 
 REST_STEP_S = 0.05  # the rest of a motion is sampled at this interval when it is taken over
+SHORTEST_S = 1e-6  # a shorter piece of a motion is left out
 LATE_S = 0.25  # nothing is corrected within this time before the end of a motion
 MOST_OFF_RAD = 0.05
 """A motion that starts further than this (rad, m) from its arm's estimated joints was planned for another moment."""
@@ -41,6 +44,7 @@ class Course:
     desired: Trajectory  # motion of the estimated joints
     commands: Trajectory  # those sent for it, on the same time
     stop_s: float | None = None  # time of the motion at which it is going to be stopped; None: at its end
+    foreseen: bool = False  # whether commands were found for all of it, not only up to a stop
     successor: Course | None = None  # the corrected rest that took over, if any
     ended: trio.Event = field(default_factory=trio.Event)  # of a corrected rest
     result: MotionResult | None = None  # how that ended; None: it was refused
@@ -55,13 +59,24 @@ class Course:
         if (float(self.desired.times_s[-1]) - path_s) / rate < LATE_S:
             return None
         stop_s = None if self.stop_s is None else (self.stop_s - path_s) / rate
-        return Course(_rest_of(self.desired, path_s, rate), _rest_of(self.commands, path_s, rate), stop_s)
+        # the acceleration of a motion that uses its limits jumps; between samples, it would exceed them
+        rest_of = _exact_rest_of if self.foreseen else _rest_of
+        return Course(rest_of(self.desired, path_s, rate), rest_of(self.commands, path_s, rate), stop_s, self.foreseen)
 
 
 def _rest_of(motion: Trajectory, path_s: float, rate: float) -> Trajectory:
     left_s = float(motion.times_s[-1]) - path_s
     times = np.linspace(path_s, motion.times_s[-1], max(2, int(np.ceil(left_s / REST_STEP_S)) + 1))
     return Trajectory.hermite((times - path_s) / rate, motion(times), rate * motion(times, 1))
+
+
+def _exact_rest_of(motion: Trajectory, path_s: float, rate: float) -> Trajectory:
+    times = motion.times_s
+    after = int(np.searchsorted(times, path_s + SHORTEST_S))
+    degree = len(motion.coefficients) - 1
+    first = np.stack([motion(path_s, order) / factorial(order) for order in range(degree, -1, -1)])
+    pieces = np.concatenate([first[:, None], motion.coefficients[:, after:]], axis=1)
+    return Trajectory(np.append(path_s, times[after:]) - path_s, pieces).stretched(1 / rate)
 
 
 class Adjusted:
@@ -283,7 +298,10 @@ class Adjusted:
         sent, estimate, until_s = self._robot.setpoint(arm), self._estimators[arm].estimate, self._foreseen(arm, stop_s)
         model = self._arms[arm]
         commands = commands_for(model, desired, estimate, q_start=sent.q, velocity=sent.velocity, until_s=until_s)
-        return Course(desired, commands, stop_s)
+        if until_s is None and not sent.moving:
+            desired, commands, times = paced(model, desired, commands, self._limits[arm])
+            stop_s = None if stop_s is None else float(np.interp(stop_s, *times.T))
+        return Course(desired, commands, stop_s, until_s is None)
 
     def _foreseen(self, arm: str, stop_s: float | None) -> float | None:
         """Return the time of a motion up to which the estimator is used; None: it foresees, so to the end."""

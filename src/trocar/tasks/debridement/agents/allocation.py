@@ -53,6 +53,7 @@ class Allocation:
     busy: set[str] = field(default_factory=set)  # arms that are not done
     cleared: int = 0  # fragments that arms let go over the receptacle
     failures: list[Failure] = field(default_factory=list)  # what went wrong, where and when
+    changes: int = 0  # how often what arms have claimed has changed
     _full: int = 0
 
     def loose(self, fragments: Sequence[SeenFragment]) -> list[SeenFragment]:
@@ -80,6 +81,11 @@ class Allocation:
         if len(high) < FULL_FRAGMENTS:
             self._full = 0
         return False
+
+    def over_receptacle(self, p_world_m: NDArray[np.float64], inside_m: float) -> bool:
+        """Return whether a place (3,) is over the receptacle, at least this far from its walls."""
+        away = np.abs(self.T_world_receptacle.inverse().apply(p_world_m)[:2])
+        return bool((away < 0.5 * np.array(self.workspace.receptacle.size_m) - inside_m).all())
 
     def choices(
         self, arm: str, side: int, fragments: Sequence[SeenFragment], apart_m: float, now_s: float
@@ -109,6 +115,7 @@ class Allocation:
             self.claimed.pop(arm, None)
         else:
             self.claimed[arm] = place
+        self.changes += 1
         self.coordinator.progress()
 
     def carry(self, arm: str) -> None:

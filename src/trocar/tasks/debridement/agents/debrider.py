@@ -12,7 +12,7 @@ from trocar.geometry import SE3
 from trocar.robots.concurrency import together
 from trocar.tasks.debridement.agents.allocation import Allocation, Failure
 from trocar.tasks.debridement.agents.motions import NoMotion
-from trocar.tasks.debridement.agents.observer import CameraFrozen
+from trocar.tasks.debridement.agents.observer import CameraFrozen, Observation
 from trocar.tasks.debridement.agents.places import Grasp
 from trocar.tasks.debridement.agents.raven_arm import WAYS, RavenArm
 from trocar.tasks.debridement.goals import FragmentOutcome
@@ -22,6 +22,13 @@ TOO_MANY = 8  # an arm that fails this many times in a row gives up
 LIFTED_SHARE = 0.8  # jaws that have risen by this share of their lift have left the work surface
 SHORT_S = 0.05
 RECEPTACLE = "receptacle"  # the space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)
+INSIDE_M = 0.018
+"""Jaws open on their way over the receptacle once the tip is this far from its walls: a fragment may cling to a finger,
+whose end is then up to 17 mm aside."""
+PARTED_RAD, ALMOST_RAD = 0.5, 0.1
+"""Jaws no longer hold a fragment once they have opened by this much more, or all but the second angle."""
+TICK_S = 0.02  # between two readings of jaws that open
+FRESH_S = 0.8  # a look at the release of a fragment serves to choose the next one for this long
 IDLE_S = 5.0  # an idle arm looks again after this time, or once the other one has made progress
 
 
@@ -40,14 +47,18 @@ class Debrider:
         self.arm, self.allocation, self.places = arm, allocation, arm.places
         self.coordinator = allocation.coordinator
         self.cell, self.name, self.s = arm.cell, arm.name, arm.s
-        self._began_s, self._in_a_row = 0.0, 0
-        self._is_home = self._looked_again = False
+        self._began_s, self._in_a_row, self._changes = 0.0, 0, 0
+        self._is_home = self._looked_again = self._has_arrived = False
+        self._clings = False  # whether the fragment was seen at the open jaws
+        self._look: tuple[float, int, Observation] | None = None  # when, how many had been taken, and what it showed
 
     async def run(self) -> None:
         """Clear fragments until there are none, or none within reach."""
         self.allocation.busy.add(self.name)
         try:
-            await self.arm.come_into_sight()
+            observed = await self.arm.come_into_sight()
+            if self.s.flows:
+                self._keep(observed)
             try:
                 while await self._one_more():
                     pass
@@ -100,12 +111,13 @@ class Debrider:
 
     async def _allocated(self) -> tuple[SeenFragment, Grasp] | None:
         """Look, and claim the outermost fragment within reach; return it with a grasp, or None."""
+        self._changes = self.allocation.changes
         if self._enough():
             return None
         if self.s.vision_lag_s > 0:
             with self.cell.log.span(self.name, "perception"):
                 await self.cell.clock.sleep(self.s.vision_lag_s)
-        observed = await self.arm.observer.observe(self.name)
+        observed = await self._observed()
         tips = [self.arm.robot.T_world_tip(name).translation_m for name in self.cell.arms]
         if self.allocation.full(observed.fragments, tips):
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
@@ -133,6 +145,13 @@ class Debrider:
             self.note(FragmentOutcome.OUT_OF_REACH, f"no grasp at {where} is within reach")
         return None
 
+    async def _observed(self) -> Observation:
+        """Return what the look at the last release showed, unless it is old or a fragment was taken since, or look."""
+        look, self._look = self._look, None
+        if look is None or self.cell.clock.now_s() - look[0] > FRESH_S or look[1] != self.arm.observer.memory.taken:
+            return await self.arm.observer.observe(self.name)
+        return look[2]
+
     def _enough(self) -> bool:
         """Return whether the fragments that other arms have claimed are the last to be cleared."""
         return self.allocation.cleared + len(self._others_at_work()) >= self.allocation.goals
@@ -150,7 +169,8 @@ class Debrider:
             await self._home()
             return True
         await self._home()
-        await self._other_goes_on()
+        if not self.s.flows or self.allocation.changes == self._changes:
+            await self._other_goes_on()
         return True
 
     async def _other_goes_on(self) -> None:
@@ -165,12 +185,13 @@ class Debrider:
         await self.arm.take(grasp)
         self.arm.observer.memory.take(self.name, fragment.p_world_m)
         try:
-            if self.s.lifts_on_the_way:
-                await together(self._check_on_the_way, partial(self._bring, self.s.lift_m))
+            if self.s.flows:
+                await together(self._check_and_open, partial(self._bring, self.s.lift_m))
             else:
                 await self.arm.rise(self.s.lift_m)
                 await self._check()
                 await self._bring()
+                await self._open()
             return await self._let_go()
         except NothingHeld:
             await self.arm.jaw(grasp.open_rad)
@@ -189,12 +210,36 @@ class Debrider:
         if not await self.arm.observer.holds(self.name):
             raise NothingHeld
 
-    async def _check_on_the_way(self) -> None:
-        """Check once the jaws have risen with the fragment, while moving on."""
-        from_m = self.arm.height_m
+    async def _check_and_open(self) -> None:
+        """Check once the jaws have risen with the fragment, and open them over the receptacle, while moving on."""
+        from_m, self._has_arrived = self.arm.height_m, False
         while self.arm.height_m < from_m + LIFTED_SHARE * self.s.lift_m:
             await self.cell.clock.sleep(SHORT_S)
         await self._check()
+        while not (self._has_arrived or self._is_over()):
+            await self.cell.clock.sleep(SHORT_S)
+        await together(self._open, self._look_ahead, self._look_back)
+
+    def _is_over(self) -> bool:
+        """Return whether the tip is over the receptacle, which is reserved for the arm."""
+        tip = self.arm.robot.T_world_tip(self.name).translation_m
+        return self.coordinator.try_reserve(self.name, RECEPTACLE) and self.allocation.over_receptacle(tip, INSIDE_M)
+
+    async def _look_ahead(self) -> None:
+        """Look for the next fragment."""
+        self._keep(await self.arm.observer.observe(self.name))
+
+    def _keep(self, observed: Observation) -> None:
+        """Keep what a look showed for the choice of the next fragment."""
+        self._look = self.cell.clock.now_s(), self.arm.observer.memory.taken, observed
+
+    async def _look_back(self) -> None:
+        """Look whether the fragment clings to the jaws, once they have opened far enough to let it go."""
+        read, name = self.arm.robot.read, self.name
+        parted_rad = min(read(name).jaw_rad + PARTED_RAD, self.s.open_rad - ALMOST_RAD)
+        while read(name).jaw_rad < parted_rad:
+            await self.cell.clock.sleep(TICK_S)
+        self._clings = await self.arm.observer.clings(name)
 
     async def _bring(self, lift_m: float = 0.0) -> None:
         """Go over the receptacle, first straight up by this height; the receptacle is then reserved for the arm."""
@@ -203,18 +248,26 @@ class Debrider:
             with self.cell.log.span(self.name, "waiting"), self.coordinator.idle(self.name):
                 await self.coordinator.reserve(self.name, RECEPTACLE)
             lift_m = 0.0
-        await self.arm.go_to_one(self.places.drop(self.arm.side, self.arm.turn_rad), lift_m)
+        enough = (self._is_over,) if self.s.flows else ()
+        await self.arm.go_to_one(self.places.drop(self.arm.side, self.arm.turn_rad), lift_m, *enough)
+        self._has_arrived = True
 
-    async def _let_go(self) -> tuple[FragmentOutcome, str]:
-        """Open the jaws over the receptacle, and shake off what clings to them."""
+    async def _open(self) -> None:
+        """Open the jaws over the receptacle."""
         self.cell.log.event("releasing", arm=self.name)
         await self.arm.jaw(self.s.open_rad)
-        for number in range(WAYS + 1):
-            if not self.s.checks_release or not await self.arm.observer.clings(self.name):
-                self.allocation.cleared += 1
-                return FragmentOutcome.DONE, ""
-            if number < WAYS:
-                await self.arm.shed(number)
+
+    async def _let_go(self) -> tuple[FragmentOutcome, str]:
+        """Shake off what clings to the open jaws."""
+        clings = self._clings and await self.arm.observer.clings(self.name)  # it may have hung there for a moment
+        for number in range(WAYS):
+            if not clings:
+                break
+            await self.arm.shed(number)
+            clings = await self.arm.observer.clings(self.name)
+        if not clings:
+            self.allocation.cleared += 1
+            return FragmentOutcome.DONE, ""
         raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
 
     async def _home(self) -> None:

@@ -67,7 +67,7 @@ class TipGoal:
     speed_m_s: float  # of the tip at most
     straight: bool = False  # a short piece down to a fragment or up from it: the fingers may be near the work surface
     beside_wall: bool = False  # a place so close to the receptacle that the true height of its walls has to be used
-    T_world_through: SE3 | None = None  # a pose of the tip to pass on the way without a stop; None: none
+    T_world_through: tuple[SE3, ...] = ()  # poses of the tip to pass on the way without a stop
 
 
 class _Answer(NamedTuple):
@@ -119,8 +119,7 @@ class MotionProblems:
     def _motion(self, name: str, goal: TipGoal) -> ArmMotion:
         model, T_world_base = self.cell.arms[name], self.cell.T_world_base_registered[name]
         q, limits = self.robot.setpoint(name).q, self.cell.limits[name].scaled(self.settings.limits_share)
-        through = () if goal.T_world_through is None else (goal.T_world_through,)
-        T_world_goals = SE3.unchecked(np.stack([T.matrix for T in (*through, goal.T_world_tip)]))
+        T_world_goals = SE3.unchecked(np.stack([T.matrix for T in (*goal.T_world_through, goal.T_world_tip)]))
         T_world_camera = self.cell.T_world_camera_registered[CAMERA]
         facing = Facing(np.array(JAW_AXIS), T_world_camera.translation_m, float(MAX_FACING_RAD))
         within = all(

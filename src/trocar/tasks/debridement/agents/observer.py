@@ -60,6 +60,7 @@ class FragmentMemory:
     def __init__(self) -> None:
         self._lying: list[SeenFragment] = []
         self._carrying: set[str] = set()
+        self.taken = 0  # how often jaws have closed on one
 
     def update(
         self, seen: Sequence[SeenFragment], p_world_eyes_m: NDArray[np.float64], arms: Mapping[str, Capsules]
@@ -86,6 +87,7 @@ class FragmentMemory:
         """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there."""
         self._lying = [old for old in self._lying if old.away_m(p_world_m) > SHIFTED_M]
         self._carrying.add(arm)
+        self.taken += 1
 
     def let_go(self, arm: str) -> None:
         """Record that the jaws of an arm have opened again."""

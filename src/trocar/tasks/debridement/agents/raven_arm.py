@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -15,8 +15,9 @@ from trocar.errors import ArmStopped, NoPlan, OutOfReach
 from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
 from trocar.robots.concurrency import together
+from trocar.tasks.debridement.agents.adjusted import StepEnded
 from trocar.tasks.debridement.agents.motions import MotionRunner, NoMotion, TipGoal, near_another_arm
-from trocar.tasks.debridement.agents.observer import StereoObserver
+from trocar.tasks.debridement.agents.observer import Observation, StereoObserver
 from trocar.tasks.debridement.agents.places import Grasp, Places, raised
 from trocar.tasks.debridement.agents.settings import Settings
 
@@ -81,6 +82,8 @@ class RavenArm:
         beside_wall: bool = False,
         speed_m_s: float | None = None,
         lift_m: float = 0.0,
+        looks_first: bool = False,
+        enough: Callable[[], bool] = lambda: False,
     ) -> None:
         """Bring the tip somewhere in steps, planning again before each from the newest estimate (V-B).
 
@@ -91,6 +94,8 @@ class RavenArm:
             beside_wall: as in ``TipGoal``.
             speed_m_s: of the tip; default: that of the settings.
             lift_m: the first step begins straight up by this height.
+            looks_first: before the first step, because the arm may be there already.
+            enough: returns whether no further step is needed, wherever the arm is.
 
         Raises:
             NoMotion: no plan was found for a long time, or steps bring the tip no nearer.
@@ -101,7 +106,9 @@ class RavenArm:
         aside_m, high_m = (self.s.reached_m, self.s.reached_high_m) if precise else air_m
         visits, nearest_m, in_vain = 0, np.inf, 0
         while True:
-            if lift_m > 0:
+            if looks_first:
+                looks_first = False
+            elif lift_m > 0:
                 await self._lift(TipGoal(T_world_goal, speed), lift_m)
                 lift_m = 0.0
             else:
@@ -117,7 +124,7 @@ class RavenArm:
             visits += bool(away_m < self.s.close_m)
             in_vain = 0 if away_m < nearest_m - NEARER_M else in_vain + 1
             nearest_m = min(nearest_m, away_m)
-            if (off < [aside_m, aside_m, high_m]).all() or visits > self.s.max_visits:
+            if (off < [aside_m, aside_m, high_m]).all() or visits > self.s.max_visits or enough():
                 return
             if in_vain == IN_VAIN:
                 reason = f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal"
@@ -140,7 +147,7 @@ class RavenArm:
         """Go straight up, and on without a stop; if no such path is found, only go up."""
         up = raised(self.robot.T_world_tip(self.name), by_m)
         try:
-            await self.runner.step(self.name, replace(goal, T_world_through=up))
+            await self.runner.step(self.name, replace(goal, T_world_through=(up,)))
         except NoMotion:
             await self.rise(by_m)
 
@@ -188,8 +195,12 @@ class RavenArm:
         """Return the height of the tip in the world."""
         return float(self.robot.T_world_tip(self.name).translation_m[2])
 
-    async def go_to_one(self, places: Sequence[SE3], lift_m: float = 0.0) -> None:
+    async def go_to_one(
+        self, places: Sequence[SE3], lift_m: float = 0.0, enough: Callable[[], bool] = lambda: False
+    ) -> None:
         """Go to the first of several places that is within reach, after rising straight up by this height.
+
+        ``enough``: as in ``go``.
 
         Raises:
             NoMotion: no place is within reach; or as in ``go``.
@@ -200,7 +211,7 @@ class RavenArm:
         reachable = (place for place in places if self.robot.reaches(self.name, place))
         for place in islice(reachable, ENOUGH_PLACES):
             try:
-                return await self.go(place, lift_m=lift_m)
+                return await self.go(place, lift_m=lift_m, enough=enough)
             except NoMotion as error:
                 if not error.lasting:
                     raise
@@ -224,6 +235,8 @@ class RavenArm:
     async def jaw(self, angle_rad: float, over_s: float = 0.0) -> None:
         """Drive the jaws, slowly if a time is given.
 
+        Jaws that stop because the arm is to plan again go on.
+
         Raises:
             ArmStopped: the robot stopped them.
         """
@@ -233,24 +246,38 @@ class RavenArm:
             steps = CLOSING_STEPS if over_s > 0 else 1
             for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
                 execution = await self.cell.robot.jaw(self.name, start + share * (angle_rad - start))
+                while isinstance(execution.cause, StepEnded):
+                    execution = await self.cell.robot.jaw(self.name, start + share * (angle_rad - start))
                 if not execution.done:
                     raise ArmStopped(self.name, execution.reason)
                 await self.cell.clock.sleep(over_s / steps)
 
     async def take(self, grasp: Grasp) -> None:
-        """Go above a fragment, look, go down, close the jaws."""
-        above = grasp.T_world_above
-        beside_wall = not self.problems.clear(self.name, above, grasp.open_rad, beside_wall=False)
-        await together(
-            partial(self.jaw, grasp.open_rad),
-            partial(self.go, above, precise=self.s.confirms_above, beside_wall=beside_wall),
-        )
+        """Go to a fragment from above, look, close the jaws."""
+        await together(partial(self.jaw, grasp.open_rad), partial(self._approach, grasp))
         await self.seen_lately()
         speed = self.s.descent_speed_m_s * (1.0 if self._been_down else FIRST_SHARE)
-        await self.go(grasp.T_world_grasp, precise=True, straight=True, speed_m_s=speed)
+        down, low = grasp.T_world_grasp, self._is_low(grasp)
+        await self.go(down, precise=True, straight=True, speed_m_s=speed, looks_first=low)
         self._been_down = True
         self.cell.log.event("closing", arm=self.name)
         await self.jaw(0.0, self.s.close_s)
+
+    async def _approach(self, grasp: Grasp) -> None:
+        """Go above a grasp, and on down to it without a stop if its place is known well enough."""
+        above, down = grasp.T_world_above, grasp.T_world_grasp
+        beside_wall = not self.problems.clear(self.name, above, grasp.open_rad, beside_wall=False)
+        if self.s.flows and self._been_down and self.robot.age_s(self.name) <= self.s.fresh_s:
+            goal = TipGoal(down, self.s.tip_speed_m_s, beside_wall=beside_wall, T_world_through=(above,))
+            with suppress(NoMotion):  # there may be a path to the place above
+                await self.runner.step(self.name, goal)
+        if not self._is_low(grasp):
+            await self.go(above, precise=self.s.confirms_above, beside_wall=beside_wall)
+
+    def _is_low(self, grasp: Grasp) -> bool:
+        """Return whether the tip is closer in height to a grasp than to the place above it."""
+        heights = [float(T.translation_m[2]) for T in (grasp.T_world_above, grasp.T_world_grasp)]
+        return self.height_m < 0.5 * sum(heights)
 
     async def stroke(self, height_m: float, open_rad: float) -> None:
         """Go straight down to a height in the world with this jaw opening, close the jaws there, and come up again."""
@@ -286,8 +313,8 @@ class RavenArm:
                 await self.cell.clock.sleep(WAIT_S)
         raise NoMotion(self.name, NoPlan("the marks on the gripper are hidden"))
 
-    async def come_into_sight(self) -> None:
-        """Get the gripper seen once, however wrong its kinematics are.
+    async def come_into_sight(self) -> Observation:
+        """Get the gripper seen once, however wrong its kinematics are; return what that look showed.
 
         Raises:
             ArmStopped: it is not seen anywhere.
@@ -298,9 +325,9 @@ class RavenArm:
             with suppress(NoMotion):
                 await self.runner.step(self.name, TipGoal(goal, self.s.tip_speed_m_s, straight=True))
                 await self.settle()
-                await self.observer.observe(self.name)
-            if self.robot.age_s(self.name) < np.inf:
-                return
+                observed = await self.observer.observe(self.name)
+                if self.robot.age_s(self.name) < np.inf:
+                    return observed
         raise ArmStopped(self.name, f"no camera sees the gripper of arm {self.name!r}")
 
     async def shed(self, number: int) -> None:

@@ -15,14 +15,14 @@ class Settings:
     # Speeds. The paper's laboratory used 1 cm/s; surgeons reach 10 cm/s.
     tip_speed_m_s: float = 0.05
     descent_speed_m_s: float = 0.025  # on the last piece to a fragment
-    limits_share: float = 0.85  # of the joints' limits that plans use; the rest is for corrections
+    limits_share: float = 0.88  # of the joints' limits that plans use; the rest is for corrections
 
     # Steps. An arm stops, looks and plans again after ``step_m`` (V-B: 2.5 cm), and if it is seen ``astray_m`` from
     # where its motion should be (1 m: never).
     astray_m: float = 0.006
     step_m: float = 0.15
-    reached_m: float = 0.0015  # a grasp counts as reached this close on each horizontal axis; 8 mm in their program
-    reached_high_m: float = 0.0012  # the same in height
+    reached_m: float = 0.0025  # a grasp counts as reached this close on each horizontal axis; 8 mm in their program
+    reached_high_m: float = 0.0015  # the same in height
     arrived_m: float = 0.010  # the same on each axis for places in the air; 6 mm in their program
     close_m: float = 0.004  # or after more than ``max_visits`` visits within this distance; 15 mm in their program
     max_visits: int = 2
@@ -33,8 +33,8 @@ class Settings:
     turns: bool = True  # turn about the vertical to close across a fragment and beside its neighbours
     close_s: float = 0.0  # duration of the jaws' closing; 0: as fast as they can
     above_m: float = 0.013  # the tip stops this high over a grasp, along the approach, and looks again (*)
-    lift_m: float = 0.018  # straight lift after closing; 5 cm in their program
-    lifts_on_the_way: bool = True  # go on from there without a stop, and check the pickup meanwhile
+    lift_m: float = 0.014  # straight lift after closing; 5 cm in their program
+    flows: bool = True  # no stop over a grasp or after a lift; check, open the jaws and look again on the way
     # (*) The paper's program passed a place 3 cm before the grasp without a stop. With a stop there, steps of 2.5 cm
     # would end 5 mm over every grasp.
 
@@ -49,7 +49,6 @@ class Settings:
     # Looking.
     confirms_above: bool = False  # the camera has to confirm the position over a fragment too, not only at the grasp
     holds_first: bool = False  # an arm goes to its place beside the receptacle before it asks for the token
-    checks_release: bool = True  # look if a fragment clings to the open jaws
     remembers: bool = True  # a fragment counts as present while an arm hides it from the camera
     vision_lag_s: float = 0.0  # rest before every plan to a fragment, for images to catch up; 2 s in their program
     watch_s: float = 0.1  # between two images of a gripper
@@ -78,8 +77,8 @@ def paper() -> Settings:
     return Settings(
         estimator="paper", centralised=True, tip_speed_m_s=0.01, descent_speed_m_s=0.01, limits_share=0.75,
         astray_m=1.0, step_m=0.025, reached_m=0.008, reached_high_m=0.008, arrived_m=0.006, close_m=0.015, max_visits=7,
-        hug_m=0.0, turns=False, close_s=2.5, above_m=0.024, lift_m=0.050, lifts_on_the_way=False,
-        margin_m=0.0015, apart_m=0.030, confirms_above=True, holds_first=True, checks_release=False, remembers=False,
+        hug_m=0.0, turns=False, close_s=2.5, above_m=0.024, lift_m=0.050, flows=False,
+        margin_m=0.0015, apart_m=0.030, confirms_above=True, holds_first=True, remembers=False,
         vision_lag_s=2.0, watch_s=0.25, settle_s=0.1, fresh_s=2.0,
         fragments_budget_s=0.3, gripper_budget_s=0.1, plan_budget_s=2.4,
     )  # fmt: skip
