@@ -70,6 +70,7 @@ def test_every_action_and_observation_passes_the_checks(action, observation):
     env.close()
 
 
+@pytest.mark.usefixtures("registries")
 def test_a_task_from_a_file_has_its_environment():
     load_plugin("examples/three_dots.py")
     env = gymnasium.make("trocar/Dots-v0", budget_s=1.0)
@@ -246,6 +247,7 @@ def test_a_picture_for_people():
     env.close()
 
 
+@pytest.mark.usefixtures("registries")
 def test_the_dense_reward_adds_up_to_the_way_that_was_gained():
     load_plugin("examples/three_dots.py")
     env = CellEnv("dots", action="cartesian", reward="dense", budget_s=3.0)

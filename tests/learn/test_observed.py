@@ -161,6 +161,7 @@ def test_an_episode_lasts_until_its_budget_where_nothing_is_looked_at_any_more(m
     env.close()
 
 
+@pytest.mark.usefixtures("registries")
 def test_a_task_without_objects_says_so():
     load_plugin("examples/three_dots.py")
     with pytest.raises(InvalidInput, match="'objects' is nothing in this task"):

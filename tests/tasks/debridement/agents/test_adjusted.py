@@ -13,7 +13,7 @@ from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import OutOfReach, TooNear
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
-from trocar.motion import rest_to_rest
+from trocar.motion import limit_use, rest_to_rest
 from trocar.tasks.debridement.agents.adjusted import Adjusted
 from trocar.tasks.debridement.agents.inverse_control import command_for
 from trocar.tasks.debridement.pose import PaperAdjustment
@@ -86,10 +86,10 @@ def adjusted(estimator=Held):
     return Adjusted(cell, lambda _: estimator()), robot  # type: ignore[arg-type]
 
 
-async def under_way(nursery):
+async def under_way(nursery, motion=MOTION):
     """Return a robot that moves and has just been seen beside its way, and the robot under it."""
     wrapped, robot = adjusted()
-    nursery.start_soon(wrapped.move, {"left": MOTION})
+    nursery.start_soon(wrapped.move, {"left": motion})
     await trio.testing.wait_all_tasks_blocked()
     kinematic = wrapped.kinematic("left")
     seen = LEFT.T_world_base @ SE3.from_parts(kinematic.rotation, kinematic.translation_m + OFF)
@@ -97,10 +97,10 @@ async def under_way(nursery):
     return wrapped, robot
 
 
-async def tried(prepare):
+async def tried(prepare, motion=MOTION):
     """Return the robot after ``prepare`` and a correction."""
     async with trio.open_nursery() as nursery:
-        wrapped, robot = await under_way(nursery)
+        wrapped, robot = await under_way(nursery, motion)
         prepare(wrapped, robot)
         with trio.move_on_after(0.1):
             await wrapped.correct("left")
@@ -113,6 +113,18 @@ def test_a_motion_under_way_is_corrected_by_what_is_seen():
     (commands,) = robot.replaced
     ends = [fk(ARM, motion(motion.times_s[-1])).translation_m for motion in (commands, MOTION)]
     np.testing.assert_allclose(ends[0] - ends[1], -OFF, atol=3e-4)
+
+
+def test_a_motion_that_nearly_uses_the_limits_is_corrected_too():
+    """Its acceleration jumps; were its rest sampled anew, it would exceed the limits between the samples."""
+    limits = MotionLimits(0.15 * ARM.motion_limits.velocity, 0.88 * ARM.motion_limits.acceleration)
+    fast = rest_to_rest(START, START + [0.5, 0.1, -0.02, 0.2, -0.3, 0.2], limits)
+    robot = trio.run(tried, lambda wrapped, robot: None, fast)
+    (commands,) = robot.replaced
+    assert limit_use(ARM, commands, ARM.motion_limits).acceleration_ratio < 0.98
+    moved = np.subtract(*(fk(ARM, motion(motion.times_s[-1])).translation_m for motion in (commands, fast)))
+    np.testing.assert_allclose(moved / np.linalg.norm(moved), -OFF / np.linalg.norm(OFF), atol=0.05)
+    assert np.linalg.norm(moved) > 1e-3, "as much as fits into the limits"
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,15 @@ OUTER_LEFT, MIDDLE, OUTER_RIGHT = (-0.03, -0.07), (-0.075, -0.09), (-0.12, -0.06
 ALL = [seen(*place) for place in (MIDDLE, OUTER_LEFT, OUTER_RIGHT)]
 
 
+def test_a_tip_is_over_the_receptacle_if_it_is_far_enough_from_each_wall(allocation):
+    x, y, _ = RECEPTACLE.translation_m
+    long, wide = 0.5 * np.array(Workspace().receptacle.size_m) - 0.018
+    for sign in (-1, 1):
+        assert allocation.over_receptacle(np.array([x + 0.99 * sign * long, y - 0.99 * sign * wide, -0.1]), 0.018)
+        assert not allocation.over_receptacle(np.array([x + 1.01 * sign * long, y, -0.1]), 0.018)
+        assert not allocation.over_receptacle(np.array([x, y + 1.01 * sign * wide, -0.1]), 0.018)
+
+
 def test_each_arm_takes_the_outermost_on_its_side_first(allocation):
     assert places(allocation.choices("left", 1, ALL, APART_M, 0.0)) == [OUTER_LEFT, MIDDLE, OUTER_RIGHT]
     assert places(allocation.choices("right", -1, ALL, APART_M, 0.0)) == [OUTER_RIGHT, MIDDLE, OUTER_LEFT]

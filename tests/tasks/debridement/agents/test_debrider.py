@@ -13,7 +13,7 @@ from trocar.geometry import SE3
 from trocar.log import CellLog
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.allocation import Allocation
-from trocar.tasks.debridement.agents.debrider import RECEPTACLE, TOO_MANY, Debrider, run_all
+from trocar.tasks.debridement.agents.debrider import FRESH_S, RECEPTACLE, TOO_MANY, Debrider, run_all
 from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.observer import CameraFrozen, Observation
 from trocar.tasks.debridement.agents.raven_arm import WAYS
@@ -39,13 +39,15 @@ class Arm:
         fails: what the next actions of a name raise, in order; None: nothing.
         holding: what the camera says of the jaws after each grasp, in order; then that they hold something.
         clinging: how often a fragment clings to the open jaws.
+        takes_s: how long actions take, by name; default: a second.
     """
 
     def __init__(self, stage, name, settings):
         self.stage, self.name, self.s, self.cell = stage, name, settings, stage.cell
         self.fails, self.holding, self.clinging, self.within_reach = {}, [], 0, True
-        self.did, self.carried, self.over = [], None, False
-        self.turn_rad, self.height_m, self.model, self.side = 0.0, 0.0, None, 1 if name == "left" else -1
+        self.did, self.carried, self.over, self.takes_s = [], None, False, {}
+        self.turn_rad, self.height_m, self.side = 0.0, 0.0, 1 if name == "left" else -1
+        self.model = SimpleNamespace(jaw=SimpleNamespace(max_speed=3.0))
         self.robot = SimpleNamespace(
             T_world_tip=lambda name: SE3.from_parts(translation_m=[0.0, 0.0, 0.1]),
             read=lambda name: SimpleNamespace(jaw_rad=1.2),
@@ -66,7 +68,7 @@ class Arm:
 
     async def act(self, name, *what):
         self.did.append((name, *what))
-        await trio.sleep(STEP_S)
+        await trio.sleep(self.takes_s.get(name, STEP_S))
         failures = self.fails.get(name)
         if failures and (error := failures.pop(0)) is not None:
             raise error
@@ -75,9 +77,12 @@ class Arm:
         await self.act("search")
         return Observation(self.stage.lying)
 
-    async def take(self, grasp):
-        await self.act("take", grasp.way)
+    async def reach(self, grasp):
+        await self.act("reach", grasp.way)
         self.carried = grasp.fragment
+
+    async def close(self):
+        self.did.append(("close",))
 
     async def rise(self, by_m):
         self.height_m += by_m
@@ -149,13 +154,13 @@ def played(script, *args, **kwargs):
 def test_an_arm_takes_a_fragment_over_the_receptacle_looks_and_goes_home(settings):
     async def script(stage):
         await stage.run("left")
-        did = [action for action in stage.arms["left"].did if action[0] != "jaw"]
+        did = [action for action in stage.arms["left"].did if action[0] not in ("jaw", "close")]
         if settings.flows:  # the search has shown what lies there, and it looks while its jaws open
-            assert did == [("search",), ("take", 0), ("go", "over"), ("look",), ("go", "home"), ("look",)]
+            assert did == [("search",), ("reach", 0), ("go", "over"), ("look",), ("go", "home"), ("look",)]
         else:
             beside = ("go", "beside")
             assert did == [
-                ("search",), ("look",), ("take", 0), beside, ("go", "over"), ("go", "home"), ("look",)
+                ("search",), ("look",), ("reach", 0), beside, ("go", "over"), ("go", "home"), ("look",)
             ]  # fmt: skip
         assert stage.outcomes() == ["DONE"]
         assert stage.coordinator.try_reserve("right", RECEPTACLE), "it has left the receptacle"
@@ -177,11 +182,48 @@ def test_each_arm_clears_its_side_and_one_waits_beside_the_receptacle():
 def test_an_arm_for_which_nothing_is_left_waits_for_the_other_one_and_looks_again():
     async def script(stage):
         await stage.run("left", "right")
-        first = next(name for name, arm in stage.arms.items() if ("take", 0) in arm.did)
+        first = next(name for name, arm in stage.arms.items() if ("reach", 0) in arm.did)
         other = "left" if first == "right" else "right"
         assert stage.outcomes() == ["DONE"] and stage.outcomes(other) == []
-        assert not any(action[0] == "take" for action in stage.arms[other].did)
+        assert not any(action[0] == "reach" for action in stage.arms[other].did)
         assert any((s.arm, s.name) == (other, "waiting") for s in stage.log.spans)
+
+    played(script, [lying(LEFT_M)])
+
+
+def test_an_arm_whose_fragment_was_freed_while_it_went_home_looks_again_at_once():
+    """Both fragments lie together; once the other arm has carried one of them off, this arm may take the other."""
+    near = (LEFT_M[0] - 0.02, LEFT_M[1])
+
+    async def script(stage):
+        stage.arms["right"].takes_s = {"go": 2.2, "look": 0.5}
+        await stage.run("left", "right")
+        assert stage.outcomes() == ["DONE", "DONE"]
+        taken = {name: [a for a in arm.did if a[0] == "reach"] for name, arm in stage.arms.items()}
+        assert all(len(takes) == 1 for takes in taken.values()), "neither waited for the other one to come back"
+
+    played(script, [lying(LEFT_M), lying(near)])
+
+
+def test_a_look_at_a_release_does_not_count_if_the_other_arm_has_taken_one_since():
+    async def script(stage):
+        arm = stage.arms["left"]
+
+        def take(*_):
+            arm.observer.memory.taken += 1
+
+        arm.observer.memory.take = take
+        debrider = Debrider(arm, stage.allocation)
+        await debrider._look_ahead()
+        assert await debrider._observed() == Observation(stage.lying) and arm.did == [("look",)]
+        await debrider._look_ahead()
+        take()
+        await debrider._observed()
+        assert arm.did == [("look",)] * 3
+        await debrider._look_ahead()
+        await trio.sleep(2 * FRESH_S)
+        await debrider._observed()
+        assert arm.did == [("look",)] * 5
 
     played(script, [lying(LEFT_M)])
 
@@ -192,18 +234,18 @@ def test_jaws_that_hold_nothing_open_and_the_next_grasp_is_another():
         arm.holding = [False]
         await stage.run("left")
         assert stage.outcomes() == ["GRASP_FAILURE", "DONE"]
-        assert [way for name, *way in arm.did if name == "take"] == [[0], [1]]
+        assert [way for name, *way in arm.did if name == "reach"] == [[0], [1]]
 
     played(script, [lying(LEFT_M)])
 
 
 def test_an_arm_without_a_path_opens_its_jaws_moves_aside_and_leaves_the_fragment_to_the_other_one():
     async def script(stage):
-        stage.arms["left"].fails = {"take": [NO_MOTION] * 9}
+        stage.arms["left"].fails = {"reach": [NO_MOTION] * 9}
         await stage.run("left", "right")
         assert set(stage.outcomes("left")) == {"BLOCKED"} and "DONE" in stage.outcomes("right")
         did = stage.arms["left"].did
-        at = did.index(("take", 0))
+        at = did.index(("reach", 0))
         assert did[at + 1 : at + 3] == [("jaw", best().open_rad), ("go", "beside")]
 
     played(script, [lying(LEFT_M), lying(RIGHT_M)])
@@ -258,7 +300,7 @@ def test_a_fragment_out_of_reach_is_named_once_nobody_else_may_take_it():
     async def script(stage):
         stage.arms["left"].within_reach = False
         await stage.run("left")
-        assert set(stage.outcomes()) == {"OUT_OF_REACH"} and not any(a[0] == "take" for a in stage.arms["left"].did)
+        assert set(stage.outcomes()) == {"OUT_OF_REACH"} and not any(a[0] == "reach" for a in stage.arms["left"].did)
         assert "(-30, -70) mm" in stage.log.events[0]["reason"]
 
     played(script, [lying(LEFT_M)])
@@ -287,7 +329,7 @@ def test_an_arm_that_stops_on_its_way_home_after_giving_up_keeps_its_place():
 
 def test_a_frozen_camera_ends_both_scripts_where_the_arms_are():
     async def script(stage):
-        stage.arms["right"].fails = {"take": [CameraFrozen("no new image")]}
+        stage.arms["right"].fails = {"reach": [CameraFrozen("no new image")]}
         await stage.run("left", "right")
         assert stage.outcomes() == ["CAMERA_FROZEN"] * 2
         assert not any(action == ("go", "home") for arm in stage.arms.values() for action in arm.did)

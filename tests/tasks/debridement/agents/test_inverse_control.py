@@ -9,6 +9,7 @@ from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.motion import rest_to_rest
 from trocar.tasks.debridement.agents.inverse_control import KEPT_SHARE, command_for, commands_for, corrected
+from trocar.trajectory import Trajectory
 
 LEFT = load_station("raven-pair").arms["left"]
 ARM, START = LEFT.model, LEFT.park_q()
@@ -149,3 +150,19 @@ def test_commands_up_to_a_stop_stay_at_the_end_of_a_joints_range_where_others_ar
     assert (q < ARM.upper + 1e-3).all()
     assert (q > ARM.lower - 1e-3).all()
     assert q[-1, 4] > ARM.upper[4] - 0.05
+
+
+def test_a_correction_is_made_where_the_motion_leaves_room_for_it():
+    """A motion that brakes as fast as it may: a correction over all of it, which would brake then too, does not fit."""
+    limits = MotionLimits(0.1 * ARM.motion_limits.velocity, KEPT_SHARE * ARM.motion_limits.acceleration)
+    whole = rest_to_rest(START, START + [0.4, 0, 0, 0, 0, 0], limits)
+    braking = np.flatnonzero(whole(whole.times_s[:-1] + 1e-6, 2)[:, 0] < -0.5)[0]
+    steady = Trajectory(whole.times_s[braking - 1 :], whole.coefficients[:, braking - 1 :])
+    assert steady.times_s[1] - steady.times_s[0] > 0.9, "first it goes on at one speed"
+
+    def behind(T):
+        return fk(ARM, ik_unbounded(ARM, T) - [0.05, 0, 0, 0, 0, 0])
+
+    found = corrected(ARM, steady, steady, behind, ARM.motion_limits)
+    end = steady.times_s[-1]
+    np.testing.assert_allclose(found(end) - steady(end), [0.05, 0, 0, 0, 0, 0], atol=1e-4)

@@ -12,9 +12,10 @@ from trio.testing import MockClock
 
 from debridement_stage import Eyes, play
 from trocar.arms import fk
-from trocar.errors import ArmStopped, NoPlan, TooNear
+from trocar.errors import ArmStopped, NoPlan, TooNear, TrocarError
 from trocar.geometry import SE3
 from trocar.lab import load_station
+from trocar.tasks.debridement.agents.adjusted import StepEnded
 from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.places import Grasp, Places, raised
 from trocar.tasks.debridement.agents.raven_arm import (
@@ -105,6 +106,58 @@ def test_an_arm_that_no_camera_sees_looks_for_itself_and_stops_if_it_is_nowhere(
     assert (np.sign(shifts[2:4, 0]) == towards_the_other).all(), "then towards the middle"
 
 
+def grasp_at(p_m):
+    down = SE3.from_parts(translation_m=p_m)
+    return Grasp(raised(down, best().above_m), down, 1.0, 0)
+
+
+LOW = np.array([-0.05, -0.07, -0.148])
+"""A grasp."""
+
+
+def approached(*steps, been_down=True, age_s=0.1):
+    """Return the goals of an arm that approaches a grasp at ``LOW``, and comes to be here after each step."""
+    arm, runner = raven_arm([-0.05, 0.0, -0.12], steps)
+    arm.problems.clear, arm.robot.age_s, arm._been_down = lambda *_, **__: True, lambda _: age_s, been_down
+    trio.run(arm._approach, grasp_at(LOW), clock=MockClock(autojump_threshold=0))
+    return [(goal.T_world_tip.translation_m.tolist(), len(goal.T_world_through)) for goal in runner.goals]
+
+
+def test_an_arm_that_knows_the_place_passes_the_one_above_it_without_a_stop():
+    above = (LOW + [0.0, 0.0, best().above_m]).tolist()
+    assert approached(LOW) == [(LOW.tolist(), 1)]
+    assert approached(above, been_down=False) == [(above, 0)], "errors near the surface are not known yet"
+    assert approached(above, age_s=2 * best().fresh_s) == [(above, 0)], "nobody has seen it"
+
+
+def test_an_arm_that_was_stopped_on_its_way_down_or_finds_no_such_path_first_goes_to_the_place_above():
+    above = (LOW + [0.0, 0.0, best().above_m]).tolist()
+    half_way = LOW + [0.0, 0.03, 0.02]
+    assert approached(half_way, above) == [(LOW.tolist(), 1), (above, 0)]
+    no_way = NoMotion("left", NoPlan("no way"), lasting=True)
+    assert approached(no_way, above) == [(LOW.tolist(), 1), (above, 0)]
+
+
+def test_jaws_that_stop_because_the_arm_plans_again_go_on():
+    arm, _ = raven_arm(HIGH, [])
+    arm.model = STATION.arms["left"].model
+    arm.robot.read = lambda _: SimpleNamespace(jaw_rad=0.2)
+    ends = [StepEnded("left"), StepEnded("left"), None]
+    asked = []
+
+    async def jaw(_, angle_rad):
+        asked.append(angle_rad)
+        cause = ends.pop(0)
+        return SimpleNamespace(done=cause is None, cause=cause, reason=str(cause))
+
+    arm.cell.robot = SimpleNamespace(jaw=jaw)
+    trio.run(arm.jaw, 1.2, clock=MockClock(autojump_threshold=0))
+    assert asked == [1.2] * 3
+    ends[:] = [TrocarError("the jaws do not answer")]
+    with pytest.raises(ArmStopped, match="do not answer"):
+        trio.run(arm.jaw, 1.2, clock=MockClock(autojump_threshold=0))
+
+
 HIGH = np.array([0.0, -0.06, -0.08])
 """A goal, well over the work surface."""
 
@@ -136,12 +189,25 @@ def test_an_arm_in_the_air_has_arrived_within_a_centimetre_and_lower_or_higher_b
 
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_an_arm_at_a_grasp_has_arrived_within_what_the_method_says_or_after_some_visits_close_to_it(sign):
-    assert len(gone((2.4 * sign, 2.4 * sign, 1.4 * sign), precise=True)) == 1
-    for off in ((2.6, 0, 0), (0, 2.6, 0), (0, 0, 1.6)):
-        assert len(gone(sign * np.array(off), (0, 0, 0), precise=True)) == 2
+    assert len(gone((2.4 * sign, 2.4 * sign, 1.1 * sign), precise=True)) == 1
+    for off in ((2.6 * sign, 0, 0), (0, 2.6 * sign, 0), (0, 0, 1.3), (0, 0, -1.6)):
+        assert len(gone(off, (0, 0, 0), precise=True)) == 2
+    assert len(gone((0, 0, -1.4), precise=True)) == 1, "a little too low is better than a little too high"
     assert best().close_m == 0.004 and best().max_visits == 2
     assert len(gone(*[(3.5 * sign, 0, 0)] * 3, precise=True)) == 3
     assert len(gone(*[(4.5 * sign, 0, 0)] * 3, (0, 0, 0), precise=True)) == 4
+
+
+def test_an_arm_that_may_be_there_already_looks_before_it_moves():
+    assert len(gone((9, 0, 0), (0, 0, 0), precise=True)) == 2
+    arm, runner = raven_arm(HIGH, [], observer=Looking())
+    trio.run(partial(arm.go, SE3.from_parts(translation_m=HIGH + 1e-3), precise=True, looks_first=True))
+    assert arm.observer.looks == 1 and not runner.goals
+
+
+def test_an_arm_goes_no_further_if_whoever_sent_it_has_enough():
+    assert len(gone((30, 0, 0), (0, 0, 0))) == 2
+    assert len(gone((30, 0, 0), enough=lambda: True)) == 1
 
 
 def test_an_arm_that_gets_no_nearer_gives_up_for_good():

@@ -17,6 +17,7 @@ PAPER = {
     "watch_s": 0.25,
     "reached_m": 0.008,
     "reached_high_m": 0.008,
+    "reached_low_m": 0.008,
     "close_m": 0.015,
     "max_visits": 7,
     "arrived_m": 0.006,

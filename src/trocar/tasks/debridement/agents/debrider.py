@@ -22,9 +22,9 @@ TOO_MANY = 8  # an arm that fails this many times in a row gives up
 LIFTED_SHARE = 0.8  # jaws that have risen by this share of their lift have left the work surface
 SHORT_S = 0.05
 RECEPTACLE = "receptacle"  # the space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)
-INSIDE_M = 0.018
-"""Jaws open on their way over the receptacle once the tip is this far from its walls: a fragment may cling to a finger,
-whose end is then up to 17 mm aside."""
+INSIDE_M = 0.014
+"""Jaws open on their way over the receptacle once the tip is this far from its walls; it goes on inwards meanwhile.
+Fragments are up to 16 mm long."""
 PARTED_RAD, ALMOST_RAD = 0.5, 0.1
 """Jaws no longer hold a fragment once they have opened by this much more, or all but the second angle."""
 TICK_S = 0.02  # between two readings of jaws that open
@@ -182,11 +182,13 @@ class Debrider:
     async def _clear(self, fragment: SeenFragment, grasp: Grasp) -> tuple[FragmentOutcome, str]:
         """Take a fragment and bring it into the receptacle; return how that ended."""
         self._is_home = self._looked_again = False
-        await self.arm.take(grasp)
+        await self.arm.reach(grasp)
+        if not self.s.flows:
+            await self.arm.close()
         self.arm.observer.memory.take(self.name, fragment.p_world_m)
         try:
             if self.s.flows:
-                await together(self._check_and_open, partial(self._bring, self.s.lift_m))
+                await together(self.arm.close, self._check_and_open, partial(self._lift_and_bring, grasp))
             else:
                 await self.arm.rise(self.s.lift_m)
                 await self._check()
@@ -199,6 +201,12 @@ class Debrider:
         finally:
             self.arm.observer.memory.let_go(self.name)
             self.coordinator.release(self.name, RECEPTACLE)
+
+    async def _lift_and_bring(self, grasp: Grasp) -> None:
+        """Bring a fragment over the receptacle as soon as the jaws have closed on it; the plan is made meanwhile."""
+        closing_s = grasp.open_rad / self.arm.model.jaw.max_speed
+        await self.cell.clock.sleep(max(0.0, closing_s - self.s.plan_budget_s))
+        await self._bring(self.s.lift_m)
 
     async def _check(self) -> None:
         """Look whether the jaws, which have risen, hold a fragment.

@@ -16,6 +16,7 @@ from trocar.trajectory import Trajectory
 STEP_S = 0.05  # commands are found for moments this far apart, and joined by a cubic spline
 NODE_M = 0.015  # corrections are computed at places this far apart on the path, and interpolated between them
 KEPT_SHARE = 0.97  # share of the limits used by corrected commands, since a guard checks them more finely
+LEAST_PUSH = 0.01  # share of the limits by which a correction may exceed what is kept: a spline swings after a ramp
 RAMPS_S = (0.25, 0.4, 0.6, 0.9)  # a correction is made in the shortest of these times that the limits allow
 LITTLE = np.array([0.06, 0.06, 1e-3, 0.06, 0.06, 0.06])
 """Tolerated error of a joint's command, rad and m: in the wrist it is 1 mm at the tip, which the camera sees."""
@@ -81,17 +82,19 @@ def corrected(
     wanted = _inside(arm, followed, clamps=until_s is not None) - sent(times)
     fine = _where_it_peaks(times, sent)
     left_s = float(times[-1] - times[0])
-    share, change = 0.0, wanted
+    best, change, least = -1.0, wanted, LEAST_PUSH if until_s is None else 0.0
     for over_s in (*(s for s in RAMPS_S if s < left_s), left_s):
-        change = wanted * _ramp(times, over_s)[:, None]
-        moved = _spline(times, change, np.zeros(6))
+        ramp = wanted * _ramp(times, over_s)[:, None]
+        moved = _spline(times, ramp, np.zeros(6))
         share = min(
-            _largest_share(sent(fine, order), moved(fine, order), KEPT_SHARE * most)
+            _largest_share(sent(fine, order), moved(fine, order), KEPT_SHARE * most, least * most)
             for order, most in ((1, limits.velocity), (2, limits.acceleration))
         )
+        if share > best or until_s is not None:
+            best, change = share, share * ramp
         if share == 1.0:
             break
-    return sent.plus(_spline(times, share * change, np.zeros(6)))
+    return sent.plus(_spline(times, change, np.zeros(6)))
 
 
 def _where_it_peaks(times: NDArray[np.float64], sent: Trajectory) -> NDArray[np.float64]:
@@ -100,11 +103,13 @@ def _where_it_peaks(times: NDArray[np.float64], sent: Trajectory) -> NDArray[np.
     return np.union1d(breaks[:-1], np.nextafter(breaks[1:], -np.inf))
 
 
-def _largest_share(still: NDArray[np.float64], moved: NDArray[np.float64], most: NDArray[np.float64]) -> float:
-    """Return the largest share in [0, 1] with ``|still + share moved| <= most`` wherever ``still`` is below that."""
+def _largest_share(
+    still: NDArray[np.float64], moved: NDArray[np.float64], most: NDArray[np.float64], least: NDArray[np.float64]
+) -> float:
+    """Return the largest share in [0, 1] with ``|still + share moved| <= most`` where ``moved`` exceeds ``least``."""
     room = most - np.sign(moved) * still
     with np.errstate(divide="ignore", invalid="ignore"):
-        shares = np.where(np.abs(moved) > 1e-9, room / np.abs(moved), 1.0)
+        shares = np.where(np.abs(moved) > least + 1e-9, room / np.abs(moved), 1.0)
     return float(np.clip(shares.min(), 0.0, 1.0))
 
 

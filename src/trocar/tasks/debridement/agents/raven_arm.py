@@ -102,8 +102,10 @@ class RavenArm:
             ArmStopped: the arm does not move as commanded.
         """
         speed = speed_m_s or self.s.tip_speed_m_s
-        air_m = self.s.arrived_m, min(self.s.arrived_m, ARRIVED_HIGH_M)
-        aside_m, high_m = (self.s.reached_m, self.s.reached_high_m) if precise else air_m
+        s, air_m = self.s, min(self.s.arrived_m, ARRIVED_HIGH_M)
+        aside_m, high_m, low_m = (
+            (s.reached_m, s.reached_high_m, s.reached_low_m) if precise else (s.arrived_m, air_m, air_m)
+        )
         visits, nearest_m, in_vain = 0, np.inf, 0
         while True:
             if looks_first:
@@ -119,19 +121,19 @@ class RavenArm:
                 await self.settle()
                 await self.observer.track(self.name)
             T_world_tip = self.robot.T_world_tip(self.name)
-            off = np.abs(T_world_tip.translation_m - T_world_goal.translation_m)
+            off = T_world_tip.translation_m - T_world_goal.translation_m
             away_m = float(np.linalg.norm(off))
             visits += bool(away_m < self.s.close_m)
             in_vain = 0 if away_m < nearest_m - NEARER_M else in_vain + 1
             nearest_m = min(nearest_m, away_m)
-            if (off < [aside_m, aside_m, high_m]).all() or visits > self.s.max_visits or enough():
+            there = (np.abs(off[:2]) < aside_m).all() and -low_m < off[2] < high_m
+            if there or visits > self.s.max_visits or enough():
                 return
             if in_vain == IN_VAIN:
                 reason = f"arm {self.name!r} gets no nearer than {1e3 * nearest_m:.0f} mm to its goal"
                 raise NoMotion(self.name, NoPlan(reason), lasting=True)
-            high = float(T_world_tip.translation_m[2] - T_world_goal.translation_m[2])
-            if precise and straight and in_vain >= PRESSING and high > PRESSING_M:
-                reason = f"the fingers of arm {self.name!r} stand on something {1e3 * high:.0f} mm over the grasp"
+            if precise and straight and in_vain >= PRESSING and off[2] > PRESSING_M:
+                reason = f"the fingers of arm {self.name!r} stand on something {1e3 * off[2]:.0f} mm over the grasp"
                 raise NoMotion(self.name, NoPlan(reason))
             if straight and (T_world_tip.rotation.inverse() @ T_world_goal.rotation).angle() < ASKEW_RAD:
                 T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
@@ -252,14 +254,17 @@ class RavenArm:
                     raise ArmStopped(self.name, execution.reason)
                 await self.cell.clock.sleep(over_s / steps)
 
-    async def take(self, grasp: Grasp) -> None:
-        """Go to a fragment from above, look, close the jaws."""
+    async def reach(self, grasp: Grasp) -> None:
+        """Go to a fragment from above with open jaws, and look."""
         await together(partial(self.jaw, grasp.open_rad), partial(self._approach, grasp))
         await self.seen_lately()
         speed = self.s.descent_speed_m_s * (1.0 if self._been_down else FIRST_SHARE)
         down, low = grasp.T_world_grasp, self._is_low(grasp)
         await self.go(down, precise=True, straight=True, speed_m_s=speed, looks_first=low)
         self._been_down = True
+
+    async def close(self) -> None:
+        """Close the jaws on a fragment."""
         self.cell.log.event("closing", arm=self.name)
         await self.jaw(0.0, self.s.close_s)
 
