@@ -198,6 +198,13 @@ def test_an_arm_at_a_grasp_has_arrived_within_what_the_method_says_or_after_some
     assert len(gone(*[(4.5 * sign, 0, 0)] * 3, (0, 0, 0), precise=True)) == 4
 
 
+def test_a_correction_at_a_grasp_aims_further_because_play_takes_up_a_part_of_it():
+    aims = [goal.T_world_tip.translation_m for goal in gone((1.8, -3.0, 1.5), (0, 0, 0), precise=True)]
+    np.testing.assert_allclose(1e3 * (aims[1] - aims[0]), [-0.9, 1.0, -0.75], atol=1e-9)
+    aims = [goal.T_world_tip.translation_m for goal in gone((15, 0, 0), (0, 0, 0))]
+    np.testing.assert_allclose(aims[1], aims[0], atol=1e-12, err_msg="not on the way through the air")
+
+
 def test_an_arm_that_may_be_there_already_looks_before_it_moves():
     assert len(gone((9, 0, 0), (0, 0, 0), precise=True)) == 2
     arm, runner = raven_arm(HIGH, [], observer=Looking())

@@ -35,6 +35,7 @@ LOW_M = 0.020
 WITHDRAWN_M = 0.006  # an arm that is too close to something rises by this, or moves aside as far
 ASKEW_RAD = 0.12  # in the last millimetres, a gripper is not turned again if its rotation is within this of the plan
 ARRIVED_HIGH_M = 6e-3  # accuracy of heights in the air, where fragments are below the fingers
+FURTHER_M = 1e-3  # limit on each axis of how much further than the grasp a correction aims, since play takes up a part
 NEARER_M, IN_VAIN = 1e-3, 8
 """An arm gives up its goal after ``IN_VAIN`` steps in a row that each bring it closer by less than ``NEARER_M``."""
 PRESSING_M, PRESSING = 2e-3, 2
@@ -106,7 +107,7 @@ class RavenArm:
         aside_m, high_m, low_m = (
             (s.reached_m, s.reached_high_m, s.reached_low_m) if precise else (s.arrived_m, air_m, air_m)
         )
-        visits, nearest_m, in_vain = 0, np.inf, 0
+        visits, nearest_m, in_vain, T_world_aim = 0, np.inf, 0, T_world_goal
         while True:
             if looks_first:
                 looks_first = False
@@ -116,7 +117,7 @@ class RavenArm:
             else:
                 if not straight:
                     await self._rise()  # an arm that was stopped because it was off its path may be low
-                await self._step(TipGoal(T_world_goal, speed, straight, beside_wall))
+                await self._step(TipGoal(T_world_aim, speed, straight, beside_wall))
             if precise:
                 await self.settle()
                 await self.observer.track(self.name)
@@ -137,6 +138,8 @@ class RavenArm:
                 raise NoMotion(self.name, NoPlan(reason))
             if straight and (T_world_tip.rotation.inverse() @ T_world_goal.rotation).angle() < ASKEW_RAD:
                 T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
+            further = np.clip(-s.further * off, -FURTHER_M, FURTHER_M) if precise else np.zeros(3)
+            T_world_aim = SE3.from_parts(T_world_goal.rotation, T_world_goal.translation_m + further)
 
     async def _rise(self) -> None:
         """Go straight up first if the tip is so low that no plan could begin there."""
