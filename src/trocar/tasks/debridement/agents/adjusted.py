@@ -71,6 +71,7 @@ def _rest_of(motion: Trajectory, path_s: float, rate: float) -> Trajectory:
 
 
 def _exact_rest_of(motion: Trajectory, path_s: float, rate: float) -> Trajectory:
+    """Return the rest without sampling it: the piece that has begun, from ``path_s`` on, and those after it."""
     times = motion.times_s
     after = int(np.searchsorted(times, path_s + SHORTEST_S))
     degree = len(motion.coefficients) - 1

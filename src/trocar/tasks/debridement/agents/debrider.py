@@ -26,7 +26,8 @@ INSIDE_M = 0.014
 """Jaws open on their way over the receptacle once the tip is this far from its walls; it goes on inwards meanwhile.
 Fragments are up to 16 mm long."""
 PARTED_RAD, ALMOST_RAD = 0.5, 0.1
-"""Jaws no longer hold a fragment once they have opened by this much more, or all but the second angle."""
+"""Jaws that open count as parted, and are looked at, once they have opened by the first angle, or to within the second
+of the widest that they open."""
 TICK_S = 0.02  # between two readings of jaws that open
 FRESH_S = 0.8  # a look at the release of a fragment serves to choose the next one for this long
 IDLE_S = 5.0  # an idle arm looks again after this time, or once the other one has made progress
@@ -229,7 +230,7 @@ class Debrider:
         await together(self._open, self._look_ahead, self._look_back)
 
     def _is_over(self) -> bool:
-        """Return whether the tip is over the receptacle, which is reserved for the arm."""
+        """Return whether the tip is over the receptacle and the receptacle is reserved for the arm."""
         tip = self.arm.robot.T_world_tip(self.name).translation_m
         return self.coordinator.try_reserve(self.name, RECEPTACLE) and self.allocation.over_receptacle(tip, INSIDE_M)
 

@@ -72,7 +72,8 @@ def corrected(
 
     They begin like the sent ones, in position, velocity and acceleration, and reach the correction as soon as the
     limits allow, at the latest at the end of the motion. If the limits do not allow the whole correction by then, they
-    reach its largest share; the rest is left for the next correction. Other arguments are those of ``commands_for``.
+    reach the largest share of it that one of the ramps allows (up to a stop: the last ramp); the rest is left for the
+    next correction. Other arguments are those of ``commands_for``.
 
     Raises:
         OutOfReach: a command would leave a joint's range.
