@@ -189,8 +189,8 @@ def test_an_arm_in_the_air_has_arrived_within_a_centimetre_and_lower_or_higher_b
 
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_an_arm_at_a_grasp_has_arrived_within_what_the_method_says_or_after_some_visits_close_to_it(sign):
-    assert len(gone((2.4 * sign, 2.4 * sign, 1.1 * sign), precise=True)) == 1
-    for off in ((2.6 * sign, 0, 0), (0, 2.6 * sign, 0), (0, 0, 1.3), (0, 0, -1.6)):
+    assert len(gone((1.4 * sign, 1.4 * sign, 1.1 * sign), precise=True)) == 1
+    for off in ((1.6 * sign, 0, 0), (0, 1.6 * sign, 0), (0, 0, 1.3), (0, 0, -1.6)):
         assert len(gone(off, (0, 0, 0), precise=True)) == 2
     assert len(gone((0, 0, -1.4), precise=True)) == 1, "a little too low is better than a little too high"
     assert best().close_m == 0.004 and best().max_visits == 2

@@ -28,6 +28,8 @@ Fragments are up to 16 mm long."""
 PARTED_RAD, ALMOST_RAD = 0.5, 0.1
 """Jaws that open count as parted, and are looked at, once they have opened by the first angle, or to within the second
 of the widest that they open."""
+LOOK_S = 0.28
+"""Time from the release to the look for the next fragment: less than jaws take to open, with the time of the look."""
 TICK_S = 0.02  # between two readings of jaws that open
 FRESH_S = 0.8  # a look at the release of a fragment serves to choose the next one for this long
 IDLE_S = 5.0  # an idle arm looks again after this time, or once the other one has made progress
@@ -235,7 +237,8 @@ class Debrider:
         return self.coordinator.try_reserve(self.name, RECEPTACLE) and self.allocation.over_receptacle(tip, INSIDE_M)
 
     async def _look_ahead(self) -> None:
-        """Look for the next fragment."""
+        """Look for the next fragment, once the arm has nearly come to rest: further out, it hides more of them."""
+        await self.cell.clock.sleep(LOOK_S)
         self._keep(await self.arm.observer.observe(self.name))
 
     def _keep(self, observed: Observation) -> None:

@@ -21,7 +21,7 @@ class Settings:
     # where its motion should be (1 m: never).
     astray_m: float = 0.006
     step_m: float = 0.15
-    reached_m: float = 0.0025  # a grasp counts as reached this close on each horizontal axis; 8 mm in their program
+    reached_m: float = 0.0015  # a grasp counts as reached this close on each horizontal axis; 8 mm in their program
     reached_high_m: float = 0.0012  # the same above it
     reached_low_m: float = 0.0015  # the same below it, where closed jaws end 2 mm over the work surface
     further: float = 0.5  # corrections at a grasp aim further than it by this share of what is missing
