@@ -327,11 +327,14 @@ def test_an_arm_that_stops_on_its_way_home_after_giving_up_keeps_its_place():
     played(script, [lying(LEFT_M)])
 
 
-def test_a_frozen_camera_ends_both_scripts_where_the_arms_are():
+@pytest.mark.parametrize("during", ["search", "reach", "look"])
+def test_a_frozen_camera_ends_both_scripts_where_the_arms_are(during):
     async def script(stage):
-        stage.arms["right"].fails = {"reach": [CameraFrozen("no new image")]}
+        stage.arms["right"].fails = {during: [CameraFrozen("no new image")]}
         await stage.run("left", "right")
-        assert stage.outcomes() == ["CAMERA_FROZEN"] * 2
-        assert not any(action == ("go", "home") for arm in stage.arms.values() for action in arm.did)
+        assert stage.outcomes("right") == ["CAMERA_FROZEN"] and stage.outcomes("left")[-1] == "CAMERA_FROZEN"
+        assert ("go", "home") not in stage.arms["right"].did
+        if during != "look":  # by then, the left arm has cleared its fragment and gone home
+            assert stage.outcomes("left") == ["CAMERA_FROZEN"] and ("go", "home") not in stage.arms["left"].did
 
     played(script, [lying(LEFT_M), lying(RIGHT_M)])
