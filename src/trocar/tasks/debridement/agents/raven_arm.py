@@ -138,7 +138,7 @@ class RavenArm:
                 raise NoMotion(self.name, NoPlan(reason))
             if straight and (T_world_tip.rotation.inverse() @ T_world_goal.rotation).angle() < ASKEW_RAD:
                 T_world_goal = SE3.from_parts(T_world_tip.rotation, T_world_goal.translation_m)
-            further = np.clip(-s.further * off, -FURTHER_M, FURTHER_M) if precise else np.zeros(3)
+            further = np.clip(-s.further_share * off, -FURTHER_M, FURTHER_M) if precise else np.zeros(3)
             T_world_aim = SE3.from_parts(T_world_goal.rotation, T_world_goal.translation_m + further)
 
     async def _rise(self) -> None:

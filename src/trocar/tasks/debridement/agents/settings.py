@@ -24,7 +24,7 @@ class Settings:
     reached_m: float = 0.0015  # a grasp counts as reached this close on each horizontal axis; 8 mm in their program
     reached_high_m: float = 0.0012  # the same above it
     reached_low_m: float = 0.0015  # the same below it, where closed jaws end 2 mm over the work surface
-    further: float = 0.5  # corrections at a grasp aim further than it by this share of what is missing
+    further_share: float = 0.5  # corrections at a grasp aim further than it by this share of what is missing
     arrived_m: float = 0.010  # the same on each axis for places in the air; 6 mm in their program
     close_m: float = 0.004  # or after more than ``max_visits`` visits within this distance; 15 mm in their program
     max_visits: int = 2
@@ -78,7 +78,7 @@ def paper() -> Settings:
     """Return the settings of the paper and of its authors' program."""
     return Settings(
         estimator="paper", centralised=True, tip_speed_m_s=0.01, descent_speed_m_s=0.01, limits_share=0.75,
-        astray_m=1.0, step_m=0.025, reached_m=0.008, reached_high_m=0.008, reached_low_m=0.008, further=0.0,
+        astray_m=1.0, step_m=0.025, reached_m=0.008, reached_high_m=0.008, reached_low_m=0.008, further_share=0.0,
         arrived_m=0.006, close_m=0.015, max_visits=7, hug_m=0.0, turns=False, close_s=2.5, above_m=0.024, lift_m=0.050,
         flows=False, margin_m=0.0015, apart_m=0.030, confirms_above=True, holds_first=True, remembers=False,
         vision_lag_s=2.0, watch_s=0.25, settle_s=0.1, fresh_s=2.0,
