@@ -13,7 +13,7 @@ from trocar.geometry import SE3
 from trocar.log import CellLog
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.allocation import Allocation
-from trocar.tasks.debridement.agents.debrider import FRESH_S, RECEPTACLE, TOO_MANY, Debrider, run_all
+from trocar.tasks.debridement.agents.debrider import CLEAR_M, FRESH_S, RECEPTACLE, TOO_MANY, Debrider, run_all
 from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.observer import CameraFrozen, Observation
 from trocar.tasks.debridement.agents.raven_arm import WAYS
@@ -53,15 +53,16 @@ class Arm:
             read=lambda name: SimpleNamespace(jaw_rad=1.2),
         )
         self.places = SimpleNamespace(
-            hold=lambda *_: "beside", home=lambda *_: "home", drop=lambda *_: "over", grasps=self.grasps
-        )
+            hold=lambda *_: "beside", home=lambda *_: "home", drop=lambda *_: "over", grasps=self.grasps,
+            table_m=float(TABLE.translation_m[2]),
+        )  # fmt: skip
         nothing = SimpleNamespace(take=lambda *_: None, let_go=lambda *_: None, taken=0)
         self.observer = SimpleNamespace(
             memory=nothing, observe=self.observe, holds=self.holds, clings=self.clings, follow=self.follow
         )
 
-    def grasps(self, fragment, others, model, turn_rad):
-        return [SimpleNamespace(way=way, fragment=fragment, open_rad=1.0) for way in range(3)]
+    def grasps(self, fragment, others, model, turn_rad, failures):
+        return [SimpleNamespace(way=way, fragment=fragment, open_rad=1.0) for way in range(failures, failures + 3)]
 
     def possible(self, grasps):
         return grasps[0] if self.within_reach else None
@@ -224,6 +225,59 @@ def test_a_look_at_a_release_does_not_count_if_the_other_arm_has_taken_one_since
         await trio.sleep(2 * FRESH_S)
         await debrider._observed()
         assert arm.did == [("look",)] * 5
+
+    played(script, [lying(LEFT_M)])
+
+
+def test_an_arm_takes_the_outermost_fragment_even_if_it_hides_it():
+    """The other arm's would be in its way there."""
+    hidden, seen = lying(LEFT_M), lying(RIGHT_M)
+
+    async def script(stage):
+        debrider = Debrider(stage.arms["left"], stage.allocation)
+        debrider._keep(Observation([seen], [hidden]))
+        fragment, _ = await debrider._allocated()
+        assert fragment is hidden
+
+    played(script, [hidden, seen])
+
+
+def test_what_jaws_close_on_is_on_the_work_surface_until_they_have_closed():
+    """The other arm may look meanwhile."""
+
+    async def script(stage):
+        arm, order = stage.arms["left"], []
+        arm.observer.memory.take = lambda *_: order.append("taken")
+
+        async def close():
+            await trio.sleep(STEP_S)
+            order.append("closed")
+
+        arm.close = close
+        await stage.run("left")
+        assert order == ["closed", "taken"]
+
+    played(script, [lying(LEFT_M)])
+
+
+def test_jaws_are_looked_at_once_they_are_too_high_to_show_what_stayed_below_them():
+    async def script(stage):
+        arm, table_m, looked_at_m = stage.arms["left"], TABLE.translation_m[2], []
+        arm.height_m = table_m + 0.012
+
+        async def rise(place, lift_m=0.0, enough=None):
+            while place == "over" and arm.height_m < table_m + 0.040:
+                arm.height_m += 0.001
+                await trio.sleep(0.1)
+            await Arm.go_to_one(arm, place)
+
+        async def holds(name):
+            looked_at_m.append(arm.height_m - table_m)
+            return True
+
+        arm.go_to_one, arm.observer.holds = rise, holds
+        await stage.run("left")
+        assert stage.outcomes() == ["DONE"] and looked_at_m == [pytest.approx(CLEAR_M, abs=1.1e-3)]
 
     played(script, [lying(LEFT_M)])
 

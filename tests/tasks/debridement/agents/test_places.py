@@ -26,8 +26,13 @@ FRAGMENT = lying(-0.07, -0.07)
 """Jaws without a turn close along x, across its short side."""
 
 
-def grasps(fragment=FRAGMENT, others=(), turn_rad=0.0, settings=None):
-    return Places(TABLE, RECEPTACLE, settings or best()).grasps(fragment, others, ARM, turn_rad)
+def grasps(fragment=FRAGMENT, others=(), turn_rad=0.0, settings=None, failures=0):
+    return Places(TABLE, RECEPTACLE, settings or best()).grasps(fragment, others, ARM, turn_rad, failures)
+
+
+def ends_of(grasp):
+    """Where the fingers of closed jaws end."""
+    return grasp.T_world_grasp.apply([0.0, 0.0, ARM.tip_length_m - FINGER_M])
 
 
 def turn_of(T_world_tip):
@@ -44,14 +49,25 @@ def gap_m(grasp):
 
 def test_fingers_end_just_over_the_work_surface_with_the_fragment_between_them():
     for grasp in grasps():
-        back = grasp.T_world_grasp.rotation.matrix[:, 2]
-        ends = grasp.T_world_grasp.translation_m - (FINGER_M - ARM.tip_length_m) * back
-        assert ends[2] == pytest.approx(TABLE_M + ENDS_ABOVE_M)
+        back, ends = grasp.T_world_grasp.rotation.matrix[:, 2], ends_of(grasp)
+        assert ends[2] == pytest.approx(TABLE_M + ENDS_ABOVE_M[0])
         up = FRAGMENT.p_world_m - ends
         np.testing.assert_allclose(np.cross(up, back), 0.0, atol=1e-9, err_msg="the approach goes through its middle")
         above = grasp.T_world_above.translation_m - grasp.T_world_grasp.translation_m
         np.testing.assert_allclose(above, best().above_m * back, atol=1e-12)
         assert back[2] > 0.9 and back[1] < 0.0, "it points down, and its marks face the camera"
+
+
+def test_after_a_failure_the_next_way_is_tried_and_deeper_but_not_below_the_surface():
+    first = [turn_of(grasp.T_world_grasp) for grasp in grasps()]
+    for failures in range(1, 9):
+        again, way = grasps(failures=failures), failures % len(first)
+        assert [turn_of(grasp.T_world_grasp) for grasp in again] == [*first[way:], *first[:way]]
+        heights = {round(float(ends_of(grasp)[2] - TABLE_M), 9) for grasp in again}
+        assert heights == {ENDS_ABOVE_M[min(failures, 2)]}
+    assert list(ENDS_ABOVE_M) == sorted(ENDS_ABOVE_M, reverse=True) and ENDS_ABOVE_M[-1] > 0
+    (straight,) = grasps(settings=paper(), failures=3)
+    assert ends_of(straight)[2] == pytest.approx(TABLE_M + ENDS_ABOVE_M[0]), "the paper's program repeats itself"
 
 
 @pytest.mark.parametrize(("yaw_rad", "width_m"), [(np.pi / 2, SHORT_M), (0.0, LONG_M)])

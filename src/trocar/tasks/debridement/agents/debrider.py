@@ -20,6 +20,9 @@ from trocar.tasks.debridement.perception.fragments import SeenFragment
 
 TOO_MANY = 8  # an arm that fails this many times in a row gives up
 LIFTED_SHARE = 0.8  # jaws that have risen by this share of their lift have left the work surface
+CLEAR_M = 0.031
+"""From a tip this high over the work surface, a look at the jaws no longer shows what may have stayed below them: it
+reaches 18 mm down from the tip, and fragments are up to 12 mm high."""
 SHORT_S = 0.05
 RECEPTACLE = "receptacle"  # the space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)
 INSIDE_M = 0.014
@@ -124,18 +127,13 @@ class Debrider:
         tips = [self.arm.robot.T_world_tip(name).translation_m for name in self.cell.arms]
         if self.allocation.full(observed.fragments, tips):
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
-        seen, hidden = self.allocation.loose(observed.fragments), self.allocation.loose(observed.hidden)
-        loose, now_s = [*seen, *hidden], self.cell.clock.now_s()
-        choices = [
-            choice
-            for part in (seen, hidden)
-            for choice in self.allocation.choices(self.name, self.arm.side, part, self.s.apart_m, now_s)
-        ]
-        for fragment in choices:
+        loose = [*self.allocation.loose(observed.fragments), *self.allocation.loose(observed.hidden)]
+        now_s = self.cell.clock.now_s()
+        for fragment in self.allocation.choices(self.name, self.arm.side, loose, self.s.apart_m, now_s):
             others = [f for f in loose if f is not fragment]
-            grasps = self.places.grasps(fragment, others, self.arm.model, self.arm.turn_rad)
-            again = self.allocation.failures_at(fragment.p_world_m) % len(grasps)
-            grasp = self.arm.possible([*grasps[again:], *grasps[:again]])  # a different way from the one that failed
+            failures = self.allocation.failures_at(fragment.p_world_m)
+            grasps = self.places.grasps(fragment, others, self.arm.model, self.arm.turn_rad, failures)
+            grasp = self.arm.possible(grasps)
             if grasp is None:
                 continue
             if self._enough():  # while this arm looked, the other one has claimed one
@@ -186,14 +184,14 @@ class Debrider:
         """Take a fragment and bring it into the receptacle; return how that ended."""
         self._is_home = self._looked_again = False
         await self.arm.reach(grasp)
-        if not self.s.flows:
-            await self.arm.close()
-        self.arm.observer.memory.take(self.name, fragment.p_world_m)
         try:
             if self.s.flows:
-                await together(self.arm.close, self._check_and_open, partial(self._lift_and_bring, grasp))
+                close = partial(self._close, fragment)
+                await together(close, self._check_and_open, partial(self._lift_and_bring, grasp))
             else:
+                await self._close(fragment)
                 await self.arm.rise(self.s.lift_m)
+                self.allocation.carry(self.name)
                 await self._check()
                 await self._bring()
                 await self._open()
@@ -204,6 +202,11 @@ class Debrider:
         finally:
             self.arm.observer.memory.let_go(self.name)
             self.coordinator.release(self.name, RECEPTACLE)
+
+    async def _close(self, fragment: SeenFragment) -> None:
+        """Close the jaws on a fragment."""
+        await self.arm.close()
+        self.arm.observer.memory.take(self.name, fragment.p_world_m)
 
     async def _lift_and_bring(self, grasp: Grasp) -> None:
         """Bring a fragment over the receptacle as soon as the jaws have closed on it; the plan is made meanwhile."""
@@ -217,24 +220,29 @@ class Debrider:
         Raises:
             NothingHeld: they do not.
         """
-        self.allocation.carry(self.name)
         if not await self.arm.observer.holds(self.name):
             raise NothingHeld
 
     async def _check_and_open(self) -> None:
         """Check once the jaws have risen with the fragment, and open them over the receptacle, while moving on."""
-        from_m, self._has_arrived = self.arm.height_m, False
-        while self.arm.height_m < from_m + LIFTED_SHARE * self.s.lift_m:
-            await self.cell.clock.sleep(SHORT_S)
+        self._has_arrived = False
+        await self._risen_to(self.arm.height_m + LIFTED_SHARE * self.s.lift_m)
+        self.allocation.carry(self.name)
+        await self._risen_to(self.places.table_m + CLEAR_M)
         await self._check()
         while not (self._has_arrived or self._is_over()):
             await self.cell.clock.sleep(SHORT_S)
         await together(self._open, self._look_ahead, self._look_back)
 
+    async def _risen_to(self, height_m: float) -> None:
+        """Wait until the tip is this high in the world, or where the jaws open."""
+        while not self._has_arrived and self.arm.height_m < height_m:
+            await self.cell.clock.sleep(SHORT_S)
+
     def _is_over(self) -> bool:
         """Return whether the tip is over the receptacle and the receptacle is reserved for the arm."""
         tip = self.arm.robot.T_world_tip(self.name).translation_m
-        return self.coordinator.try_reserve(self.name, RECEPTACLE) and self.allocation.over_receptacle(tip, INSIDE_M)
+        return self.allocation.over_receptacle(tip, INSIDE_M) and self.coordinator.try_reserve(self.name, RECEPTACLE)
 
     async def _look_ahead(self) -> None:
         """Look for the next fragment, once the arm has nearly come to rest: further out, it hides more of them."""

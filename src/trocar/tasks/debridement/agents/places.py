@@ -17,7 +17,9 @@ TILT_RAD = np.radians(8.0)
 """The gripper leans back by this, so that the marks on its fingers face a camera at the front."""
 TURNS_RAD = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -40.0, 40.0])
 """Rotations about the vertical that are tried; beyond them, marks turn away from the camera."""
-ENDS_ABOVE_M = 2.0e-3  # height over the work surface at which closed jaws end
+ENDS_ABOVE_M = (2.0e-3, 1.2e-3, 0.4e-3)
+"""Height over the work surface at which closed jaws end, at first, after a failure there, and after more: low pieces
+with slanted sides slip out of jaws that hold them near their top."""
 BESIDE_M = 0.045  # where arms wait: this far from the receptacle's middle, to their side
 OVER_M, NEARER_M = 0.025, 0.012
 """Where arms let go: this far from the receptacle's middle, to their side, and this much closer to the fragments; 23 mm
@@ -77,25 +79,28 @@ class Places:
         return [SE3.from_parts(_leaning(turn), foot + shift) for shift in shifts for turn in turns]
 
     def grasps(
-        self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float
+        self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float, failures: int
     ) -> list[Grasp]:
         """Return grasps of a fragment beside others, the one least likely to catch a neighbour first.
 
-        Of equally good ones, those near the present rotation of the arm's gripper about the vertical come first.
+        Of equally good ones, those near the present rotation of the arm's gripper about the vertical come first. After
+        ``failures`` at the fragment, the next ones come first, and deeper.
         """
         turns = TURNS_RAD if self.settings.turns else TURNS_RAD[:1]
-        found = [(float(turn), *self._grasp(fragment, others, arm, float(turn))) for turn in turns]
+        above_m = ENDS_ABOVE_M[min(failures, len(ENDS_ABOVE_M) - 1) if self.settings.turns else 0]
+        found = [(float(turn), *self._grasp(fragment, others, arm, float(turn), above_m)) for turn in turns]
         found.sort(key=lambda way: (way[2].crowded, way[1] + METRES_PER_RAD * abs(way[0] - turn_rad)))
-        return [grasp for _, _, grasp in found]
+        grasps, again = [grasp for _, _, grasp in found], failures % len(found)
+        return [*grasps[again:], *grasps[:again]]
 
     def _grasp(
-        self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float
+        self, fragment: SeenFragment, others: Sequence[SeenFragment], arm: ArmModel, turn_rad: float, above_m: float
     ) -> tuple[float, Grasp]:
-        """Return the width of the fragment between the jaws, and the grasp with this turn."""
+        """Return the width of the fragment between the jaws, and the grasp with this turn and height of their ends."""
         s, finger_m = self.settings, arm.instrument.finger_length_m
         R = _leaning(turn_rad)
         back = R.matrix[:, 2]
-        rise = (fragment.p_world_m[2] - self.table_m - ENDS_ABOVE_M) / back[2]
+        rise = (fragment.p_world_m[2] - self.table_m - above_m) / back[2]
         ends = fragment.p_world_m - rise * back
         tip = ends + (finger_m - arm.tip_length_m) * back
         off, (long, short) = fragment.yaw_rad - turn_rad, fragment.extent_m
