@@ -242,22 +242,25 @@ def test_an_arm_takes_the_outermost_fragment_even_if_it_hides_it():
     played(script, [hidden, seen])
 
 
-def test_what_jaws_close_on_is_on_the_work_surface_until_they_have_closed():
+@pytest.mark.parametrize("settings", [best(), paper()])
+def test_what_jaws_close_on_lies_there_until_they_have_had_the_time_to_close(settings):
     """The other arm may look meanwhile."""
 
     async def script(stage):
-        arm, order = stage.arms["left"], []
-        arm.observer.memory.take = lambda *_: order.append("taken")
+        arm, times_s = stage.arms["left"], {}
+        arm.observer.memory.take = lambda *_: times_s.update(taken=trio.current_time())
+        closing_s = 1.0 / arm.model.jaw.max_speed  # `Arm.grasps` opens by 1 rad
 
         async def close():
-            await trio.sleep(STEP_S)
-            order.append("closed")
+            times_s["closes"] = trio.current_time()
+            await trio.sleep(closing_s)
 
         arm.close = close
         await stage.run("left")
-        assert order == ["closed", "taken"]
+        earlier_s = settings.plan_budget_s if settings.flows else 0.0
+        assert times_s["taken"] - times_s["closes"] == pytest.approx(closing_s - earlier_s)
 
-    played(script, [lying(LEFT_M)])
+    played(script, [lying(LEFT_M)], settings=settings)
 
 
 def test_jaws_are_looked_at_once_they_are_too_high_to_show_what_stayed_below_them():

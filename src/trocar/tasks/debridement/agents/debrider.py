@@ -186,10 +186,11 @@ class Debrider:
         await self.arm.reach(grasp)
         try:
             if self.s.flows:
-                close = partial(self._close, fragment)
-                await together(close, self._check_and_open, partial(self._lift_and_bring, grasp))
+                lift_and_bring = partial(self._lift_and_bring, fragment, grasp)
+                await together(self.arm.close, self._check_and_open, lift_and_bring)
             else:
-                await self._close(fragment)
+                await self.arm.close()
+                self.arm.observer.memory.take(self.name, fragment.p_world_m)
                 await self.arm.rise(self.s.lift_m)
                 self.allocation.carry(self.name)
                 await self._check()
@@ -203,15 +204,11 @@ class Debrider:
             self.arm.observer.memory.let_go(self.name)
             self.coordinator.release(self.name, RECEPTACLE)
 
-    async def _close(self, fragment: SeenFragment) -> None:
-        """Close the jaws on a fragment."""
-        await self.arm.close()
-        self.arm.observer.memory.take(self.name, fragment.p_world_m)
-
-    async def _lift_and_bring(self, grasp: Grasp) -> None:
+    async def _lift_and_bring(self, fragment: SeenFragment, grasp: Grasp) -> None:
         """Bring a fragment over the receptacle as soon as the jaws have closed on it; the plan is made meanwhile."""
         closing_s = grasp.open_rad / self.arm.model.jaw.max_speed
         await self.cell.clock.sleep(max(0.0, closing_s - self.s.plan_budget_s))
+        self.arm.observer.memory.take(self.name, fragment.p_world_m)
         await self._bring(self.s.lift_m)
 
     async def _check(self) -> None:

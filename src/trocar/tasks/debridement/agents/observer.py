@@ -84,8 +84,13 @@ class FragmentMemory:
         return Observation(shown, hidden)
 
     def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
-        """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there."""
-        self._lying = [old for old in self._lying if old.away_m(p_world_m) > SHIFTED_M]
+        """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there.
+
+        That is the fragment nearest to it; neighbours are still there.
+        """
+        taken = min(self._lying, key=lambda old: old.away_m(p_world_m), default=None)
+        if taken is not None and taken.away_m(p_world_m) <= SHIFTED_M:
+            self._lying = [old for old in self._lying if old is not taken]
         self._carrying.add(arm)
         self.taken += 1
 
