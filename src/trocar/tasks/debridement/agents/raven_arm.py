@@ -12,7 +12,7 @@ import numpy as np
 
 from trocar.arms import ik
 from trocar.errors import ArmStopped, NoPlan, OutOfReach
-from trocar.geometry import SE3
+from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest
 from trocar.robots.concurrency import together
 from trocar.tasks.debridement.agents.adjusted import StepEnded
@@ -45,12 +45,13 @@ FIRST_SHARE = 0.5
 """The first descent is slower by this factor, because the change of kinematic errors with height is not known yet."""
 CLOSING_STEPS = 25  # a slow closing of the jaws consists of this many small steps
 
-SEARCH_M = 0.01 * np.array([
-    [0, 0, 0], [0, 0, -2], [-2, 0, -2], [-4, 0, -2], [-2, 2, -4],
-    [-2, -3, -2], [0, -3, 0], [-4, 3, 1], [-2, 0, 3], [2, 0, 0],
-])  # fmt: skip
-"""Displacements that an unseen arm tries, one after the other: down and towards the middle first (x), then across and
-up. Its true position is unknown; if it were low, it would be in the picture."""
+SEARCH = tuple((0.01 * np.array(place_cm), np.radians(lean_deg)) for place_cm, lean_deg in (
+    ((0, 0, 0), 0), ((0, 0, -2), 0), ((-2, 0, -2), 0), ((-2, 0, -2), 25), ((-4, 0, -2), 0), ((-2, 2, -4), 0),
+    ((-2, -3, -2), 25), ((0, -3, 0), 0), ((-4, 3, 1), 0), ((-2, 0, 3), 25), ((2, 0, 0), 0),
+))  # fmt: skip
+"""Displacements that an unseen arm tries, one after the other, and how far its marks are turned up towards the camera:
+down and towards the middle first (x), then turned, across and up. Its true pose is unknown; if it were low, it would be
+in the picture, and its rotation may be wrong by 25 deg."""
 SHAKES, SHAKEN_RAD = 2, 2.0
 """Jaws to which a fragment clings close and open again, this many times and this wide. Jaws that are less open hold a
 charged fragment between both fingers; opened this far, mostly only one finger keeps it, and closing changes how it
@@ -328,8 +329,9 @@ class RavenArm:
             ArmStopped: it is not seen anywhere.
         """
         T_world_start = self.robot.T_world_tip(self.name)
-        for off in SEARCH_M:
-            goal = SE3.from_parts(T_world_start.rotation, T_world_start.translation_m + off * [self.side, 1, 1])
+        for off_m, lean_rad in SEARCH:
+            R = SO3.axis("x", lean_rad) @ T_world_start.rotation
+            goal = SE3.from_parts(R, T_world_start.translation_m + off_m * [self.side, 1, 1])
             with suppress(NoMotion):
                 await self.runner.step(self.name, TipGoal(goal, self.s.tip_speed_m_s, straight=True))
                 await self.settle()
