@@ -117,6 +117,21 @@ def test_each_fault_is_found_by_its_check(tape, kind):
     assert kind == "swapped" or found[other] == [], "the other arm is well"
 
 
+@pytest.mark.parametrize("what", ["measured_js", "setpoint_js", "jaw/measured_js", "local/measured_cp"])
+def test_a_topic_that_falls_silent_while_the_doctor_listens_is_a_gap(tape, what):
+    assert judged(tape, f"psm1:silent={what}@2s") == {"psm1": ["gaps"], "psm2": []}
+
+
+def test_an_arm_that_dies_while_the_doctor_listens_is_not_well(tape):
+    dead = [one for one in tape if one[0] < tape[0][0] + 2.0 or one[1].startswith("/PSM2")]
+    assert judged(dead) == {"psm1": ["gaps"], "psm2": []}
+
+
+def test_a_single_message_is_no_rate(tape):
+    first = next(one for one in tape if one[1] == "/PSM1/measured_js")
+    assert "rate" in judged([one for one in tape if one[1] != first[1] or one is first])["psm1"]
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -57,10 +57,15 @@ class ArmHeard:
         return published_by(self.arm, self.topics)
 
     @cached_property
+    def come(self) -> dict[str, list[Message]]:
+        """Return the messages of each topic that is not latched, if any came."""
+        found = {topic: list(self.heard.messages[topic]) for topic, one in self.wanted.items() if not one.latched}
+        return {topic: messages for topic, messages in found.items() if messages}
+
+    @cached_property
     def streams(self) -> dict[str, list[Message]]:
         """Return the messages of each topic that is not latched, if at least two came."""
-        found = {topic: list(self.heard.messages[topic]) for topic, one in self.wanted.items() if not one.latched}
-        return {topic: messages for topic, messages in found.items() if len(messages) > 1}
+        return {topic: messages for topic, messages in self.come.items() if len(messages) > 1}
 
     @cached_property
     def ages(self) -> dict[str, NDArray[np.float64]]:

@@ -85,12 +85,15 @@ class Heard:
         endpoints: publishers and subscribers that were there.
         pause_s: longest time for which other programs held the listener up; its own work does not count.
         blind_s: by the time of each late look, the time since the look before; what it found came within this time.
+        end_s: time of the last look on the machine's clock; a topic of which nothing came since its last message has
+            ended, or pauses.
     """
 
     messages: Mapping[str, Sequence[Message]]
     endpoints: Sequence[Endpoint]
     pause_s: float = 0.0
     blind_s: Mapping[float, float] = field(default_factory=dict)
+    end_s: float = -math.inf
 
 
 class Listener:
@@ -130,7 +133,7 @@ class Listener:
 
     def heard(self) -> Heard:
         """Return what has been heard so far."""
-        return Heard(self._messages, self._bus.endpoints(), self._pause_s, self._blind_s)
+        return Heard(self._messages, self._bus.endpoints(), self._pause_s, self._blind_s, self._last_s)
 
 
 def listen(listener: Listener, seconds: float) -> Heard:

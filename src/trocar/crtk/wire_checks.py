@@ -98,7 +98,7 @@ def rate(about: ArmHeard) -> Finding:
     """Judge the rate of the slowest topic."""
     rates = {
         topic: (len(messages) - 1) / max(messages[-1][0] - messages[0][0], 1e-6)
-        for topic, messages in about.streams.items()
+        for topic, messages in about.come.items()
     }
     if not rates:
         return Finding(None, "nothing came")
@@ -125,9 +125,14 @@ def stamps(about: ArmHeard) -> Finding:
 
 
 def gaps(about: ArmHeard) -> Finding:
-    """Judge the longest time without a message."""
+    """Judge the longest time without a message, until the end of listening."""
     if busy := _busy(about) or about.after("rate"):
         return busy
+    silent_s = {topic: about.heard.end_s - messages[-1][0] for topic, messages in about.streams.items()}
+    first = max(silent_s, key=lambda topic: silent_s[topic])
+    if silent_s[first] > GAP_S:
+        found = f"nothing more of {first} in the last {1e3 * silent_s[first]:.0f} ms"
+        return Finding(False, found, "look whether the robot's software still runs, and restart it before it moves")
     longest = {topic: _longest_gap_s(messages, about.heard.blind_s) for topic, messages in about.streams.items()}
     worst = max(longest, key=lambda topic: longest[topic])
     found = f"{1e3 * longest[worst]:.0f} ms of {worst}"
@@ -169,7 +174,7 @@ def jitter(about: ArmHeard) -> Finding:
 
 
 def _longest_gap_s(messages: Sequence[Message], blind_s: Mapping[float, float]) -> float:
-    """Return the longest time in which certainly no message came."""
+    """Return the longest time between two messages in which certainly none came."""
     at_s = np.array([at_s for at_s, _ in messages])
     since_s = at_s - [blind_s.get(one, 0.0) for one in at_s.tolist()]
     return float((since_s[1:] - at_s[:-1]).max())
