@@ -298,6 +298,32 @@ def test_a_script_that_raises_leaves_its_arm_at_rest_and_is_named(laboratory, tm
     assert np.abs(laboratory.cell.robot.setpoint(ARM).q - GOAL).max() > 0.01
 
 
+@pytest.mark.parametrize("error", [KeyboardInterrupt, BrokenPipeError, KeyError])
+def test_what_is_raised_where_reports_are_processed_ends_the_script_and_its_arm_comes_to_rest(station, tmp_path, error):
+    """Ctrl-C raises wherever this process happens to be, and a listener that prints may have lost its terminal."""
+
+    def listener(event):
+        if event["name"] == "fault":
+            raise error
+
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(cell.robot.move, {ARM: there().stretched(8.0)})
+            await cell.clock.sleep(0.5)
+            laboratory.robot.emergency_stop()
+            await cell.clock.sleep(20.0)
+
+    with HardwareLaboratory(
+        station, partial(echo_arms.connect, log=tmp_path / "sent"), RELAXED, listener=listener
+    ) as laboratory:
+        with pytest.raises(error):
+            laboratory.run(script, 10.0)
+        assert not laboratory.cell.robot.setpoint(ARM).moving
+    assert laboratory.robot._process.exitcode == 0, "it was told to close, not killed"
+    assert not np.loadtxt(tmp_path / "sent")[-1, 7:13].any()
+    assert max(use(tmp_path / "sent")) <= 1.001
+
+
 def test_a_terminal_that_is_gone_does_not_end_the_loop(laboratory):
     """Its signals go to the script's process and to the loop's; the loop brakes the arms once the script is silent."""
 

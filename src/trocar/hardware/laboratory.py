@@ -140,9 +140,9 @@ class HardwareLaboratory:
             raise cause_of(error) from None
 
     async def _run(self, script: Callable[[Cell], Awaitable[Any]], budget_s: float) -> bool:
-        ended = False
+        ended, resting = False, trio.CancelScope(shield=True)
         async with trio.open_nursery() as nursery:
-            nursery.start_soon(self.robot.attend, self._guard.check)
+            nursery.start_soon(self._attend, nursery, resting)
             try:
                 with trio.move_on_after(budget_s):
                     await self.robot.fresh()  # the last report may date from when the arms were connected
@@ -153,7 +153,24 @@ class HardwareLaboratory:
                     self.cell.robot.hold(reason="the script has ended")
                     await self.cell.robot.rest()
                 nursery.cancel_scope.cancel()
+                resting.cancel()
         return ended
+
+    async def _attend(self, nursery: trio.Nursery, resting: trio.CancelScope) -> None:
+        """Process the loop's reports until the nursery is cancelled.
+
+        If that raises (Ctrl-C may come here, and a listener may fail), the script ends, and reports are processed
+        within ``resting`` until its arms are at rest, without the listener.
+        """
+        try:
+            await self.robot.attend(self._guard.check)
+        except BaseException:
+            if not nursery.cancel_scope.cancel_called:
+                self.log.listener = None
+                nursery.cancel_scope.cancel()
+                with resting:
+                    await self.robot.attend()
+            raise
 
     def close(self) -> None:
         """Bring the arms to rest, leave them holding, and end their loop."""

@@ -314,13 +314,17 @@ class HardwareRobot:
             nursery.start_soon(self._live)
             while True:
                 await trio.lowlevel.wait_readable(self._told.fileno())
-                try:
-                    while self._told.poll():
-                        self._take(self._told.recv())
-                except (EOFError, OSError):
-                    self._abandon()
-                    raise self._gone from None  # type: ignore[misc]
+                while (report := self._told_now()) is not None:
+                    self._take(report)
                 after()
+
+    def _told_now(self) -> Report | None:
+        """Return the next report, or None if none has come (ArmFault: the loop's process has ended)."""
+        try:
+            return self._told.recv() if self._told.poll() else None
+        except (EOFError, OSError):
+            self._abandon()
+            raise self._gone from None  # type: ignore[misc]
 
     async def _live(self) -> None:
         """Send signs of life, and watch for the loop's.
@@ -349,7 +353,6 @@ class HardwareRobot:
         self._report: Report = report
         self._rows.append(report)
         for fault in report.faults:
-            self._note_fault(fault)
             if fault.fault not in PASSING:
                 self.refused = fault
                 self._refuses.set()
@@ -373,6 +376,8 @@ class HardwareRobot:
             self._rows.popleft()
             self._row += 1
         self._record(report)
+        for fault in report.faults:  # last: whoever is told may raise
+            self._note_fault(fault)
 
     def _end(self, key: int, name: str, ending: Ending) -> None:
         job = self._jobs[key]
@@ -395,6 +400,7 @@ class HardwareRobot:
         """End every script's wait, now and later: the loop is gone."""
         if self._gone is None:
             self._gone = ArmFault(self.names[0], Fault.GONE, detail)
+            self._end_jobs()
             self._note_fault(self._gone)
         self._end_jobs()
 
