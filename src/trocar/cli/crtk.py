@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -124,8 +123,10 @@ def serve(
 
     loaded = load_station(station)
     topics = network(loaded.crtk, ros, interface, peer, domain, master)
-    if topics.ros == 2 and topics.domain is None:
-        topics = replace(topics, domain=int(os.environ.get("ROS_DOMAIN_ID", "0")))
+    from trocar.crtk.bus import domain_of
+
+    if topics.ros == 2:
+        topics = replace(topics, domain=domain_of(topics))
     from trocar.crtk.faults import fault_of
     from trocar.crtk.served_cell import ServedCell
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypedDict, TypeVar, Unpack
 
-from trocar.errors import NotInstalled
-from trocar.lab.topics import Topics
+from trocar.errors import InvalidValue, NotInstalled
+from trocar.lab.topics import MAX_DOMAIN, Topics
 
 try:
     from trocar.crtk.messages import Header, Time
@@ -149,6 +150,20 @@ def open_bus(topics: Topics) -> Bus:
     from trocar.crtk.ros2 import Ros2Bus
 
     return Ros2Bus(topics)
+
+
+def domain_of(topics: Topics) -> int:
+    """Return the ROS 2 domain of a station's topics: their own, or that of ``ROS_DOMAIN_ID``, which is 0 if empty.
+
+    Raises:
+        InvalidValue: ``ROS_DOMAIN_ID`` is no domain.
+    """
+    if topics.domain is not None:
+        return topics.domain
+    told = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
+    if not (told.isdecimal() and int(told) <= MAX_DOMAIN):
+        raise InvalidValue("ROS_DOMAIN_ID", told, f"set it to 0 to {MAX_DOMAIN}, or unset it")
+    return int(told)
 
 
 def stamped(frame: str = "", now_s: float | None = None) -> Header:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import os
 import threading
 import time
 from collections.abc import Callable, Hashable
@@ -18,7 +17,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Keeping, Publisher, Subscriber
+from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Keeping, Publisher, Subscriber, domain_of
 from trocar.crtk.messages import CameraInfo, Image
 from trocar.crtk.ros2_graph import Graph
 from trocar.errors import InvalidInput
@@ -48,12 +47,11 @@ class Ros2Bus:
         topics: interface, peers and domain.
 
     Raises:
-        InvalidInput: the interface cannot be used.
+        InvalidInput: the interface cannot be used, or ``ROS_DOMAIN_ID`` is no domain.
     """
 
     def __init__(self, topics: Topics):
-        domain = int(os.environ.get("ROS_DOMAIN_ID", "0")) if topics.domain is None else topics.domain
-        self._participant, self._graph = _participant(topics.interface, topics.peers, domain)
+        self._participant, self._graph = _participant(topics.interface, topics.peers, domain_of(topics))
 
     def publisher(self, topic: str, kind: type[Message], **keeping: Unpack[Keeping]) -> Publisher[Message]:
         """Return a publisher of a topic such as ``/PSM1/servo_jp``; see ``Bus``."""
