@@ -117,6 +117,20 @@ def import_bag(
     if out is None and images is None:
         remedy = "give --out, --images or both; trocar recording show lists the topics"
         raise InvalidInput("the import", "has nothing to write", remedy)
+    of_joints = {
+        "--namespace": namespace,
+        "--commanded": commanded,
+        "--measured": measured,
+        "--joints": joints,
+        "--settled": settled,
+    }
+    for needed, missing, flags in (
+        ("--out", out is None, of_joints),
+        ("--images", images is None, {"--camera": camera}),
+    ):
+        for flag, value in flags.items():
+            if value and missing:
+                raise InvalidInput(flag, f"has no effect without {needed}", f"drop {flag}, or add {needed}")
     if not 0 <= settled < inf:
         raise InvalidValue("--settled", settled, "give seconds, 0 or more")
     if out is not None:
