@@ -190,6 +190,16 @@ def test_a_controller_that_does_not_hold_what_was_sent_is_named_although_the_rea
     assert time.monotonic() - fresh_s > HEARD_S
 
 
+@pytest.mark.parametrize("which", ["_setpoint", "_jaw_setpoint"])
+def test_a_controller_that_no_longer_tells_what_it_holds_is_lost_although_the_encoders_are_read(which, cell):
+    arm = enabled()
+    silent, told = MemoryBus().subscriber("/PSM1/setpoint_js", JointState), getattr(arm, which)
+    silent.last, silent.at_s = told.last, told.at_s - 10.0
+    setattr(arm, which, silent)
+    found = fault_of(arm)
+    assert found.fault is Fault.LOST and "/PSM1/setpoint_js or the jaws', for 10." in found.detail
+
+
 def test_an_arm_that_was_not_heard_of_for_long_is_not_taken_back_when_it_is(cell):
     arm = enabled()
     q, jaw_rad = arm.commanded()

@@ -190,6 +190,9 @@ class CrtkArm:
         self._cut |= age_s > self._cut_s
         if self._cut and age_s <= SILENT_S:
             return ArmFault(self._name, Fault.STALE, "and are again: somebody may have moved it meanwhile")
+        silent_s = now_s - min(self._setpoint.at_s, self._jaw_setpoint.at_s)
+        if age_s <= SILENT_S and silent_s > max(HEARD_S, self._cut_s):  # its encoders alone do not tell what it heard
+            return ArmFault(self._name, Fault.LOST, f"{self._topic}/setpoint_js or the jaws', for {silent_s:.2f} s")
         return self._unheard()
 
     def _unfit(self) -> ArmFault | None:
