@@ -28,6 +28,11 @@ class Counting:
         self.count += 1
         return self.count
 number = 3
+def __getattr__(name):
+    if name != "slow": raise AttributeError(name)
+    import time
+    time.sleep(1.0)
+    return still
 """
 
 
@@ -187,6 +192,11 @@ def test_a_policy_is_an_agent_whose_trials_are_kept(file, tmp_path, name, ended,
         (["--method", "policy"], "names no policy; give --policy"),
         (["--policy", "{file}:still"], "give --method policy or policy-calibrated"),
         (["--method", "policy", "--policy", "{file}:missing"], "has no missing"),
+        (["--method", "policy", "--policy", "{file}:slow", "--set", "timeout_s=0.2"], "has not answered within 0.2 s"),
+        (
+            ["--method", "policy", "--policy", "{file}:still", "--set", "timeout_s=0"],
+            "'timeout_s' is 0.0; give seconds",
+        ),
     ],
 )
 def test_the_command_line_refuses_before_anything_is_written(trocar, file, tmp_path, words, said):

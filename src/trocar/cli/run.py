@@ -185,7 +185,8 @@ def _with_policy(run: Mapping[str, Any], policy: str) -> dict[str, Any]:
         raise InvalidInput(f"--policy {policy}", "is used by another method than the one chosen", remedy)
     from trocar.learn.policy import load_policy, policy_digest
 
-    with load_policy(policy):
+    given = METHODS[f"*/{run['method']}"].make_settings(run["settings"])
+    with load_policy(policy, timeout_s=given.timeout_s):
         settings = f"policy={policy}", f"policy_digest={policy_digest(policy)}"
     return {**run, "settings": (*settings, *run["settings"])}
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import trio
 
+from trocar.errors import InvalidValue
 from trocar.eval.method import AgentContext, Method
 from trocar.learn.control import ABSOLUTE, STATE, Answer, Control
 from trocar.learn.observed import Observation
@@ -25,7 +26,11 @@ class PolicySettings:
     action: str = ABSOLUTE
     observation: str = STATE  # or objects, or images, or several: state,objects
     rate_hz: float = 30.0
-    timeout_s: float = 10.0  # of the machine's clock, for one answer
+    timeout_s: float = 10.0  # of the machine's clock, for loading it and for each answer
+
+    def __post_init__(self) -> None:
+        if self.timeout_s <= 0:
+            raise InvalidValue("setting 'timeout_s'", self.timeout_s, "give seconds above 0")
 
 
 class PolicyAgent:
