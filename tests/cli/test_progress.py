@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from trocar.cli import progress
-from trocar.cli.terminal import be_quiet
+from trocar.cli.terminal import be_quiet, beside, details, results, rich_table
 
 
 @pytest.fixture
@@ -79,3 +79,12 @@ def test_a_terminal_has_bars_with_the_time_left(monkeypatch):
     with progress.progress() as tick:
         tick("trials", 1, 2, "session 1")
     assert "session 1" in written.getvalue() and "1/2" in written.getvalue() and "left" in written.getvalue()
+
+
+def test_brackets_are_printed_as_they_are(capsys):
+    said = "policy raised ValueError: [batch, 3] of [/weights]"
+    for console in (results(), details(), beside()):
+        console.print(said, soft_wrap=True)
+    results().print(rich_table("", ("why",), [(said,)], text=1))
+    printed = capsys.readouterr()
+    assert (printed.out + printed.err).count(said) == 4

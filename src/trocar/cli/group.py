@@ -49,7 +49,7 @@ class Result:
         else:
             for console, parts in ((details(), self.details), (results(), self.lines)):
                 for part in parts:
-                    console.print(part, markup=False, highlight=False, soft_wrap=isinstance(part, str))
+                    console.print(part, highlight=False, soft_wrap=isinstance(part, str))
         if not self.succeeded:
             raise typer.Exit(1)
 

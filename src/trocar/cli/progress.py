@@ -42,7 +42,7 @@ def progress() -> Iterator[Tick]:
 
     bar = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     shown = Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         *bar,
         console=console,
         transient=True,
@@ -89,7 +89,7 @@ def _lines(console: Console, tasks: dict[str, Task]) -> Iterator[None]:
         wait_s = FIRST_S
         while not ended.wait(wait_s):
             if tasks:
-                console.print(line_of(*list(tasks.items())[-1]), soft_wrap=True, markup=False, highlight=False)
+                console.print(line_of(*list(tasks.items())[-1]), soft_wrap=True, highlight=False)
                 wait_s = EVERY_S
 
     teller = Thread(target=tell, daemon=True)

@@ -163,7 +163,7 @@ def _show(
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
     if trials[0].on_robot:  # even with --quiet: nothing else says it
         for sentence in stopped:
-            console.print(sentence, soft_wrap=True, markup=False)
+            console.print(sentence, soft_wrap=True)
 
 
 def view(

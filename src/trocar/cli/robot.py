@@ -63,7 +63,7 @@ def run_robot(
         begins = number + 1 < len(todo) and not asks
         if hurt and begins:  # a new connection would forget the faults
             left = True
-            beside().print(f"no other trial is begun by itself after: {'; '.join(hurt)}", markup=False)
+            beside().print(f"no other trial is begun by itself after: {'; '.join(hurt)}")
             break
     all_succeeded = finish(folder, as_json, interrupted=stopped)
     if stopped or left or (strict and not all_succeeded):
@@ -123,7 +123,7 @@ def _box(corners_m: np.ndarray | None) -> str:
 def _tell(event: Mapping[str, object]) -> None:
     said = ", ".join(f"{key} {value}" for key, value in event.items() if key not in ("name", "time_s", "traceback"))
     what = f"{event['name']}: {said}" if said else event["name"]
-    beside().print(f"{event['time_s']:.1f} s: {what}", soft_wrap=True, markup=False, highlight=False)
+    beside().print(f"{event['time_s']:.1f} s: {what}", soft_wrap=True, highlight=False)
 
 
 def _tally(goals: int, noun: str) -> int | None:

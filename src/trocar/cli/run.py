@@ -119,11 +119,11 @@ def run(
 
             how = {"jobs": jobs, "tick": shown, "raise_errors": raise_errors, "attendant": attendant}
             for wrong in play_run(config, folder, todo, **how):
-                beside().print(wrong, soft_wrap=True, markup=False)
+                beside().print(wrong, soft_wrap=True)
     except (KeyboardInterrupt, EmergencyStop) as stop:
         interrupted = True
         if str(stop):
-            beside().print(str(stop), soft_wrap=True, markup=False)
+            beside().print(str(stop), soft_wrap=True)
     all_succeeded = finish(folder, as_json, interrupted)
     if interrupted or (strict and not all_succeeded):
         raise typer.Exit(130 if interrupted else 1)

@@ -36,7 +36,7 @@ def beside() -> Console:
 def _console(to_stderr: bool, quiet: bool) -> Console:
     from rich.console import Console  # not needed to list commands
 
-    return Console(stderr=to_stderr, quiet=quiet)
+    return Console(stderr=to_stderr, quiet=quiet, markup=False)  # brackets in paths and reasons are text
 
 
 def rich_table(
