@@ -108,6 +108,13 @@ def test_another_rate_in_info_is_told(folder):
         read_episode(folder)
 
 
+def test_a_line_of_other_text_in_the_list_of_episodes_does_not_matter(exported, folder):
+    listed = folder / "meta" / "episodes.jsonl"
+    if listed.is_file():
+        listed.write_bytes(b'{"episode_index": 9, "tasks": ["n\xe4hen"]}\n' + listed.read_bytes())
+    assert read_episode(folder, 1).frames == 91
+
+
 @pytest.mark.parametrize("kept", [0, 4, 1000, -20])
 def test_a_cut_file_is_told(folder, kept):
     path = sorted((folder / "data").rglob("*.parquet"))[0]
@@ -137,6 +144,7 @@ def test_a_missing_file_is_told(folder):
         ({"features": {"action": {"names": ["j1", "j2"]}}}, "are j1, j2: no set-points of an arm"),
         ({"features": {"action": {"names": ["a_sp.position.x", *"bcdefgh"]}}}, "has no 'a_sp.position.y'"),
         ({"total_episodes": 1}, "--episode"),
+        ({"total_episodes": 0}, "says that it has 0 episodes"),
     ],
 )
 def test_what_is_wrong_with_info_is_told(folder, changes, says):

@@ -68,6 +68,8 @@ def read_episode(folder: str | Path, number: int = 0) -> Recorded:
     folder = Path(folder)
     info = _info(folder)
     many = info["total_episodes"]
+    if many < 1:
+        raise BadFile(folder / "meta" / "info.json", f"says that it has {many} episodes", "fetch the data set again")
     if not 0 <= number < many:
         raise InvalidValue("--episode", number, f"give 0 to {many - 1}")
     path, length = _file_of(folder, info, number)
@@ -130,7 +132,7 @@ def _file_of(folder: Path, info: Mapping[str, Any], number: int) -> tuple[Path, 
     else:
         listed = folder / "meta" / "episodes.jsonl"
         try:
-            lines = [read for read in map(_parsed, listed.read_text(encoding="utf-8").splitlines()) if read]
+            lines = [read for read in map(_parsed, listed.read_text("utf-8", errors="replace").splitlines()) if read]
         except OSError:
             lines = []
         rows = [line for line in lines if line.get("episode_index") == number]
