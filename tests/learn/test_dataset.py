@@ -205,6 +205,17 @@ def test_failures_can_be_left_out_and_nothing_of_an_earlier_export_stays(trials,
         export_lerobot(trials[1:2], tmp_path / "none", successes=True)
 
 
+@pytest.mark.parametrize(("first", "then"), [("lerobot", "open-h"), ("open-h", "lerobot")])
+def test_nothing_of_an_export_in_another_layout_stays(trials, tmp_path, first, then):
+    for place, layouts in (("both", (first, then)), ("one", (then,))):
+        for layout in layouts:
+            export_lerobot(trials[: 1 if layout == then else 2], tmp_path / place, layout=layout)
+    both, one = (
+        {p.relative_to(top) for p in top.rglob("*") if p.is_file()} for top in (tmp_path / "both", tmp_path / "one")
+    )
+    assert both == one
+
+
 def test_a_folder_of_somebody_else_is_not_touched(trials, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(BadFile, match="holds files, but no data set of episodes that Trocar wrote"):

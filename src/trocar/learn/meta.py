@@ -113,6 +113,8 @@ def write_meta(
     """Write everything but frames and videos; ``info.json`` last, since no reader takes a data set without it."""
     meta = make_folder(Path(folder) / "meta")
     (meta / "info.json").unlink(missing_ok=True)
+    for other in (name for names in _OWN.values() for name in names if name not in _OWN[layout.name]):
+        (meta / other).unlink(missing_ok=True)  # of an earlier export in another layout, it may list other episodes
     merged = {key: together([one.statistics[key] for one in episodes]) for key in episodes[0].statistics}
     if layout.instructions:
         merged[INSTRUCTION] = {"count": [sum(one.frames for one in episodes)]}
@@ -176,7 +178,7 @@ def _write_v30(meta: Path, episodes: Sequence[Written], tasks: list[str], steps:
         row |= {f"stats/{key}/{name}": v for key, found in one.statistics.items() for name, v in found.items()}
         rows.append(row)
         start += one.frames
-    path = meta / "episodes" / "chunk-000" / "file-000.parquet"
+    path = meta / _EPISODES
     make_folder(path.parent)
     with replacing(path) as draft:
         pq.write_table(pa.Table.from_pylist(rows), draft)
@@ -203,6 +205,16 @@ _WRITERS: dict[str, Callable[[Path, Sequence[Written], list[str], list[str]], No
     "lerobot": _write_v30,
     "open-h": _write_v21,
 }
+
+_EPISODES = "episodes/chunk-000/file-000.parquet"
+_OWN = {
+    "lerobot": ("tasks.parquet", "subtasks.parquet", _EPISODES),
+    "open-h": (
+        *("tasks.jsonl", "subtasks.jsonl", "episodes.jsonl", "episodes_stats.jsonl", "modality.json"),
+        "README.md",
+    ),
+}
+"""Files in ``meta`` that only one layout has."""
 
 
 def modality(features: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
