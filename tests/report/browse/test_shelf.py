@@ -11,6 +11,7 @@ from synthetic import config, synthetic_trial
 from trocar.errors import BadFile, InvalidInput
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import Trial, trial_file
+from trocar.report.browse.all_runs import PROPERTIES, all_runs_page
 from trocar.report.browse.shelf import KEYS, Shelf
 from trocar.report.summary import summarise
 
@@ -76,6 +77,18 @@ def test_trials_that_cannot_be_summed_up_do_not_stop_the_others(tmp_path):
     odd, other = Shelf([tmp_path]).runs()
     assert "cannot be summed up" in odd.remarks[0] and odd.trials == () and odd.about["task"] == "peg-transfer"
     assert other.figures
+
+
+@pytest.mark.parametrize("record", [{"task": 5, "difficulty": 3, "versions": "1.0"}, {"id": "abc"}])
+def test_another_program_s_run_json_does_not_stop_the_others(tmp_path, record):
+    made_run(tmp_path / "ours")
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "run.json").write_text(json.dumps(record))
+    ours, theirs = Shelf([tmp_path]).runs()
+    assert ours.figures and theirs.remarks == ["run.json is not the record of a run, and no trial beside it"]
+    assert theirs.row()["difficulty"] is theirs.row()["version"] is theirs.row()["task"] is None
+    for by in PROPERTIES:
+        assert "theirs" in all_runs_page([ours, theirs], [tmp_path], by, down=True)
 
 
 def test_headers_alone_are_read_and_only_of_what_has_changed(folder, tmp_path, read):

@@ -12,7 +12,7 @@ from typing import Any
 from trocar.counting import Tick, untold
 from trocar.errors import BadFile, InvalidInput, TrocarError
 from trocar.eval.folder import RECORD, look_through, run_record, still_to_do
-from trocar.eval.trial import Trial, trial_file, trial_files
+from trocar.eval.trial import ABOUT, Trial, trial_file, trial_files
 from trocar.report.summary import summarise
 
 KEYS = ("sessions", "trials", "goal_noun", "attempted", "succeeded", "success_rate", "success_ci95", "mean_time_s")
@@ -157,15 +157,17 @@ def named(runs: Sequence[Run], name: str) -> Run:
 
 def _made(name: str, folder: Path, trials: list[Trial], strange: list[str]) -> Run:
     """Return a run of these trials; whatever is wrong with it is a remark."""
-    about = run_record(folder)
     if not trials:
-        if not about:
-            strange = [*strange, f"{RECORD} cannot be read, and no trial beside it"]
+        record = run_record(folder)  # other programs write files of this name too
+        about = {key: record[key] for key, kind in ABOUT.items() if isinstance(record.get(key, ...), kind)}
+        if "task" not in about:
+            said = "is not the record of a run" if record else "cannot be read"
+            strange = [*strange, f"{RECORD} {said}, and no trial beside it"]
         return Run(name, folder, about, remarks=strange or [BEGUN])
     try:
         summary = summarise(trials)
     except (KeyError, TypeError, ValueError) as error:  # from headers, whose values nothing else checks
-        return Run(name, folder, about, remarks=[*strange, f"its trials cannot be summed up ({error})"])
+        return Run(name, folder, trials[0].about, remarks=[*strange, f"its trials cannot be summed up ({error})"])
     figures = {key: summary[key] for key in KEYS}
     return Run(name, folder, trials[0].about, trials, [*strange, *still_to_do(folder, len(trials))], figures)
 
