@@ -89,6 +89,12 @@ td,th{padding-right:.7em}
 div.pictures{grid-template-columns:repeat(3,1fr)}img{max-height:17cm;width:auto}a{text-decoration:none}
 thead{display:table-header-group}}
 """
+POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-src 'self'; form-action 'self'; "
+    "base-uri 'none'"
+)
+"""Security policy of each page: the browser runs no script in it and loads only its own pictures and the replay beside
+it. Names, reasons and settings come from files that others may have made."""
 MIME = {".png": "image/png", ".webp": "image/webp"}
 
 
@@ -112,7 +118,8 @@ def document(title: str, sub: Iterable[str], parts: Iterable[str], *, broad: boo
     lines = "".join(f"<p class=sub>{escape(line)}</p>" for line in sub)
     heading = escape(title).replace("/", "/<wbr>")
     return (
-        "<!doctype html><html lang=en><head><meta charset=utf-8><meta name=viewport "
+        "<!doctype html><html lang=en><head><meta charset=utf-8>"
+        f'<meta http-equiv=Content-Security-Policy content="{POLICY}"><meta name=viewport '
         f"content='width=device-width, initial-scale=1'><title>{escape(title)}</title><style>{STYLE}</style></head>\n"
         f"<body{' class=broad' if broad else ''}><header><h1>{heading}</h1>{lines}</header>\n<main>"
         + "\n".join(parts)

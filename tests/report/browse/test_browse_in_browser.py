@@ -1,12 +1,14 @@
 """The pages in a headless Chromium: from the table to the moment of a failure, on a screen and on a telephone."""
 
 import re
+import time
 
 import pytest
 
+from browsed import made_run
 from trocar.eval.folder import load_trials
 from trocar.report.browse import addresses
-from trocar.report.files import report_of
+from trocar.report.files import report_of, write_report
 
 pytest.importorskip("viser")
 from browser import NAMES, browser, find_chromium
@@ -70,3 +72,24 @@ def test_on_a_telephone_nothing_is_cut_off_and_the_dark_is_dark(served):
         assert page.evaluate(
             "getComputedStyle(document.querySelector('tbody td:nth-child(3)'), '::before').content"
         ) == ('"task"'), "each line of a card has its name"
+
+
+def test_a_report_opened_from_its_file_plays_its_replay_and_runs_no_script(tmp_path):
+    run = made_run(tmp_path / "run")
+    write_report(run, load_trials(run)[0])
+    with browser(1000, 800) as page:
+        go(page, (run / addresses.REPORT).as_uri())
+        page.evaluate("document.querySelector('iframe').scrollIntoView()")
+        page.until("[...document.images].every(image => image.naturalWidth > 100)")
+        inside = page.call("Page.getFrameTree")["frameTree"]["childFrames"][0]["frame"]["id"]
+        slider = "document.querySelector('.mantine-Slider-thumb') !== null"
+        for _ in range(600):
+            world = page.call("Page.createIsolatedWorld", frameId=inside)["executionContextId"]
+            found = page.call("Runtime.evaluate", expression=slider, contextId=world)["result"].get("value")
+            if found:
+                break
+            time.sleep(0.2)
+        assert found and page.errors == []
+        page.evaluate("document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.ran = 1\">')")
+        time.sleep(0.5)
+        assert page.evaluate("window.ran") is None, "whatever a file smuggles into the page does nothing"

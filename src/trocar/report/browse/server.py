@@ -24,13 +24,10 @@ from trocar.report.browse.one_trial import one_trial_page
 from trocar.report.browse.shelf import Run, Shelf, named
 from trocar.report.browse.two_runs import two_runs_page
 from trocar.report.files import report_of, shown_replay
-from trocar.report.page import document, link
+from trocar.report.page import POLICY, document, link
 
 LOCAL = "127.0.0.1"
 """Only programs on this machine can reach a server at this address."""
-POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-src 'self'; form-action 'self'"
-"""Security policy that the server sends with its own pages. It sends none with a run's report or a replay; replays
-contain their own."""
 
 
 class BrowseServer:
@@ -156,7 +153,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(*self._found())
 
     def _found(self) -> tuple[HTTPStatus, bytes, str]:
-        """Return status, page and policy."""
+        """Return status, page and policy: none for a run's report or a replay, which contain their own."""
         if self.headers.get("Host", "").rpartition(":")[0] not in (LOCAL, "localhost"):  # another site's name
             return HTTPStatus.FORBIDDEN, _refused("this address belongs to another site"), POLICY
         try:
