@@ -13,17 +13,24 @@ def written(tmp_path):
     return write
 
 
-def test_a_file_stands_for_the_words_of_a_run_and_words_override_it(trocar, tmp_path, monkeypatch, written):
-    seen = {}
+class Seen(Exception):
+    pass
 
-    class Seen(Exception):
-        pass
+
+@pytest.fixture
+def seen(monkeypatch):
+    """What a run was about to do when it was stopped."""
+    found = {}
 
     def stop(config, folder):
-        seen.update(config=config, folder=folder)
+        found.update(config=config, folder=folder)
         raise Seen
 
     monkeypatch.setattr("trocar.eval.folder.open_folder", stop)
+    return found
+
+
+def test_a_file_stands_for_the_words_of_a_run_and_words_override_it(trocar, tmp_path, seen, written):
     path = written(
         'task = "peg-transfer"\nmethod = "best"\ncalibration = "joints"\nsessions = 3\ntransfers = 2\n'
         'new_session = true\nrefit-offsets = false\nflaw = ["registration=1mm", "jaw=1deg"]\n'
@@ -41,9 +48,23 @@ def test_a_file_stands_for_the_words_of_a_run_and_words_override_it(trocar, tmp_
     assert config.how_difficult == ["recorded", "registration=1mm", "jaw=1deg"]
 
 
+@pytest.mark.parametrize("task", ['task = "suture"\n', ""])
+@pytest.mark.parametrize(
+    "line", ["--config FILE peg-transfer", "peg-transfer --config=FILE", "peg-transfer --config FILE"]
+)
+def test_a_task_on_the_line_counts_and_not_that_of_the_file(trocar, tmp_path, seen, written, task, line):
+    path = written(f'{task}method = "uncalibrated"\nsessions = 3\n')
+    words = [word.replace("FILE", str(path)) for word in line.split()]
+    code, _, err = trocar("run", *words, "--out", tmp_path / "out")
+    assert code == 70 and "Seen" in err
+    config = seen["config"]
+    assert (config.task.name, config.method, config.sessions) == ("peg-transfer", "uncalibrated", 3)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("sessions = 3", "names no task; give one"),
         ("task =", "is no readable TOML"),
         ('task = "peg-transfr"', "task 'peg-transfr' is unknown; did you mean 'peg-transfer'?"),
         ('task = "suture"\n[flaws]\nouter = 1', "has a table 'flaws'"),

@@ -13,7 +13,7 @@ from typer import Option
 from typer.models import OptionInfo
 
 from trocar.cli.group import Deferred, Group, Known, Result, command_of
-from trocar.cli.options import Plugins, load_given
+from trocar.cli.options import FLAG, Plugins, load_given
 from trocar.errors import BadFile, InvalidInput, UnknownName
 from trocar.eval import TASKS, Task, methods_of, methods_of_any, perceptions_of, pick_method
 from trocar.eval.config import RunConfig
@@ -142,28 +142,43 @@ def _parameter(
 
 
 def _expanded(args: Sequence[str]) -> list[str]:
-    """Return a line with ``--config FILE`` replaced by the file's content, put before the line's own words."""
-    words, first = list(args), []
-    while CONFIG in words:
-        at = words.index(CONFIG)
-        if at + 1 == len(words):
-            raise InvalidInput(CONFIG, "names no file", "give a TOML file of options")
-        first = _words_of(Path(words[at + 1]))
-        del words[at : at + 2]
-    return first + words
+    """Return a line with ``--config FILE`` replaced by the file's content: its options come before the line's own.
+
+    A task on the line counts, not the file's.
+    """
+    words: list[str] = []
+    task: list[str] = []
+    options: list[str] = []
+    rest, path = iter(args), ""
+    for word in rest:
+        if word == CONFIG or word.startswith(f"{CONFIG}="):
+            path = word[len(CONFIG) + 1 :] or next(rest, "")
+            if not path:
+                raise InvalidInput(CONFIG, "names no file", "give a TOML file of options")
+            task, options = _words_of(Path(path))
+        else:
+            words.append(word)
+    at = 0
+    while at < len(words) and words[at].partition("=")[0] == FLAG:  # plugins may come before the task
+        at += 1 if "=" in words[at] else 2
+    if at < len(words) and not words[at].startswith("-"):
+        task, words = words[: at + 1], words[at + 1 :]
+    if options and not task:
+        raise BadFile(path, "names no task", 'give one, as task = "peg-transfer", or on the line', kind=CONFIG)
+    return [*task, *options, *words]
 
 
-def _words_of(path: Path) -> list[str]:
-    """Return the words of a command line from a TOML file: the task first, then its options by name."""
+def _words_of(path: Path) -> tuple[list[str], list[str]]:
+    """Return the words of a command line from a TOML file: the task, if it names one, and options by name."""
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise BadFile(path, f"is no readable TOML file ({error})", "see examples/run.toml", kind=CONFIG) from None
-    words = [str(values.pop("task"))] if "task" in values else []
+    task, words = [str(values.pop("task"))] if "task" in values else [], []
     for name, value in values.items():
         flag = f"--{name.replace('_', '-')}"
         for one in value if isinstance(value, list) else [value]:
             if isinstance(one, dict):
                 raise BadFile(path, f"has a table {name!r}", "give options by name, one a line", kind=CONFIG)
             words += [flag] if one is True else [] if one is False else [flag, str(one)]
-    return words
+    return task, words
