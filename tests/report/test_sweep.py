@@ -79,6 +79,17 @@ def test_options_that_need_a_calibration_go_to_methods_that_have_one(tmp_path):
         (PEG + "[flaws]\nkinematics = [2]", "'kinematics'"),
         (PEG + "[options]\narms = 2", "option of peg-transfer 'arms' is unknown"),
         (PEG + 'difficulty = "easy"', "difficulty 'easy'"),
+        (PEG + 'methods = "best"', "methods of '.*' are 'best'; give a list, each text in quotes"),
+        (PEG + "seeds = 3", "seeds of '.*' are 3; give a list, each a whole number"),
+        (PEG + "seeds = []", "give a list"),
+        (PEG + "seeds = [4, 4]", r"seeds of '.*' are \[4, 4\]; give each of them once"),
+        (PEG + 'flaws = ["outer"]', r"write a table, \[flaws\]"),
+        (PEG + 'options = "transfers"', r"write a table, \[options\]"),
+        (PEG + 'sessions = "ten"', "sessions of '.*' is 'ten'; give a whole number"),
+        (PEG + "sessions = 1.5", "give a whole number"),
+        (PEG + 'new_session = "no"', "give true or false"),
+        (PEG + 'settings = "settle_s=1"', "give a list of texts"),
+        (PEG + '[options]\ntransfers = "two"', "transfers of '.*' is 'two'"),
     ],
 )
 def test_what_cannot_be_read_is_said(tmp_path, text, what):

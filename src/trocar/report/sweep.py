@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, get_args
 
 from matplotlib.axes import Axes
 
@@ -107,20 +109,26 @@ class Sweep:
                 raise UnknownName(f"key of {str(path)!r}", key, (*OWN_KEYS, *RUN_KEYS))
         if not isinstance(values.get("task"), str):
             raise BadFile(path, "names no task", 'give one, as task = "peg-transfer"', kind="sweep")
+        for key in ("options", "flaws"):
+            if not isinstance(values.get(key, {}), dict):
+                raise InvalidInput(f"{key} of {str(path)!r}", f"are {values[key]!r}", f"write a table, [{key}]")
         task, options = TASKS.pick(values["task"]), values.get("options", {})
         names = [f.name for f in fields(task)]  # type: ignore[arg-type]
         for name in options:
             if name not in names:
                 raise UnknownName(f"option of {task.name}", name, names)
-        methods = tuple(values.get("methods") or methods_of(task))
+        run = {key: value for key, value in values.items() if key in RUN_KEYS}
+        _require_kinds(path, task, options)
+        _require_kinds(path, RunConfig, run)
+        methods = _listed(path, "methods", values.get("methods") or list(methods_of(task)), str)
         for method in methods:
             pick_method(task, method)
         return Sweep(
             task(**options),
             methods,
-            tuple(values.get("seeds", (0,))),
+            _listed(path, "seeds", values.get("seeds", [0]), int),
             {flaw: _sizes(flaw, sizes) for flaw, sizes in values.get("flaws", {}).items()},
-            {key: value for key, value in values.items() if key in RUN_KEYS},
+            run,
         )
 
     def points(self, folder: str | Path, plugins: Sequence[str] = ()) -> list[Point]:
@@ -146,6 +154,34 @@ class Sweep:
                     raise UnknownName("flaw of this station", flaw, relevant)
                 points.append(Point(method, flaw, scale, tuple(found)))
         return points
+
+
+WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text in quotes"}
+
+
+def _listed(path: str | Path, key: str, given: Any, kind: type) -> tuple[Any, ...]:
+    """Return a list of a sweep's file: different values of one kind, at least one."""
+    if not isinstance(given, list) or not given or any(type(one) is not kind for one in given):
+        raise InvalidInput(f"{key} of {str(path)!r}", f"are {given!r}", f"give a list, each {WORDS[kind]}")
+    if len(set(given)) < len(given):
+        raise InvalidInput(f"{key} of {str(path)!r}", f"are {given!r}", "give each of them once")
+    return tuple(given)
+
+
+def _require_kinds(path: str | Path, kind: type, given: Mapping[str, Any]) -> None:
+    """Raise InvalidInput unless values of a sweep's file are of the kinds of a dataclass's fields."""
+    classes = [one for one in reversed(kind.__mro__) if one not in (Task, object)]
+    hints = {k: v for one in classes for k, v in inspect.get_annotations(one, eval_str=True).items()}
+    for name, value in given.items():
+        hint = hints[name]
+        if hint == tuple[str, ...]:
+            good, remedy = isinstance(value, list) and all(isinstance(one, str) for one in value), "a list of texts"
+        else:
+            kinds = [one for one in (get_args(hint) if isinstance(hint, UnionType) else (hint,)) if one in WORDS]
+            good = any(type(value) is one or (one is float and type(value) is int) for one in kinds) or not kinds
+            remedy = " or ".join(WORDS[one] for one in kinds)
+        if not good:
+            raise InvalidInput(f"{name} of {str(path)!r}", f"is {value!r}", f"give {remedy}")
 
 
 def _named(flaw: str, scale: float, difficulty: str) -> tuple[str, ...]:
