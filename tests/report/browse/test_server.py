@@ -187,6 +187,7 @@ def test_only_this_machine_is_answered_under_its_own_name(get, served):
     assert served._server.server_address[0] == "127.0.0.1"
     assert refused(get, "/", Host="evil.example:80")[0] == 403
     assert get("/", Host="localhost:80").rows
+    assert get("/", Host="localhost").rows, "browsers leave out port 80"
 
 
 def test_a_run_s_own_report_and_replay_are_served_beside_its_page(get, folder):

@@ -154,7 +154,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _found(self) -> tuple[HTTPStatus, bytes, str]:
         """Return status, page and policy: none for a run's report or a replay, which contain their own."""
-        if self.headers.get("Host", "").rpartition(":")[0] not in (LOCAL, "localhost"):  # another site's name
+        if self.headers.get("Host", "").partition(":")[0] not in (LOCAL, "localhost"):  # another site's name
             return HTTPStatus.FORBIDDEN, _refused("this address belongs to another site"), POLICY
         try:
             found = self.pages.page(self.path)
