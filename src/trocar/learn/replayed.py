@@ -177,7 +177,8 @@ def deviations(trial: Trial, source: Source) -> tuple[dict[str, Deviation], dict
         apart, jaws = np.linalg.norm(tips - there[:, :3], axis=1), true[:, 6] - there[:, 7]
         rms = [float(np.sqrt(np.mean(values**2))) for values in (apart, jaws)]
         found[arm] = Deviation(float(apart[-1]), rms[0], float(apart.max()), float(jaws[-1]), rms[1])
-    times = {"recorded_s": recorded.frames / recorded.fps, "replayed_s": float(frames_s[-1] - frames_s[0])}
+    recorded_s = (recorded.frames - 1) / recorded.fps  # from the first frame to the last, as below
+    times = {"recorded_s": recorded_s, "replayed_s": float(frames_s[-1] - frames_s[0])}
     return found, {**times, "lag_s": lag / recorded.fps}
 
 
