@@ -149,6 +149,12 @@ def test_a_lens_for_images_of_another_size_is_none(tmp_path):
     assert camera.lens is None and json.loads(camera.list.read_text())["intrinsics"] is None
 
 
+def test_a_lens_is_the_first_that_a_driver_knew(tmp_path):
+    infos = [camera_info(0.1 * n, (7, 5), k, D) for n, k in enumerate(([0.0] * 9, K, [2 * one for one in K]))]
+    (camera,) = written(tmp_path, {"/eye/image": [raw(0.0, RGB, "rgb8")], "/eye/camera_info": infos})
+    assert camera.lens is not None and camera.lens.fx == K[0]
+
+
 def test_images_that_cannot_be_used_are_left_out_and_counted(tmp_path):
     messages = [raw(None, RGB, "rgb8"), raw(0.0, RGB, "bayer_rggb8"), raw(0.1, RGB, "rgb8"), raw(0.2, RGB, "")]
     depth, eye = written(tmp_path, {"/eye/image": messages, "/eye/depth": [compressed(0.0, b"?", "x")]})
@@ -168,6 +174,16 @@ def test_images_that_are_not_what_they_claim_are_left_out_and_counted(tmp_path):
     eye, cut = written(tmp_path, topics)
     assert (eye.images, eye.damaged, cut.images, cut.damaged) == (1, 4, 0, 1)
     assert [image["file"] for image in json.loads(eye.list.read_text())["images"]] == ["000000.png"]
+
+
+@pytest.mark.parametrize("kind", ["png", "jpeg", "webp"])
+def test_compressed_images_that_were_cut_off_are_left_out_and_counted(tmp_path, kind):
+    """A driver that died while it wrote leaves the header, from which alone the size could be read."""
+    noise = np.random.default_rng(5).integers(0, 255, (60, 80, 3), dtype=np.uint8)
+    whole = packed(noise, kind)
+    contents = [whole[: len(whole) // 2], whole, whole[: 9 * len(whole) // 10]]
+    (camera,) = written(tmp_path, {"/eye/compressed": [compressed(0.1 * n, c) for n, c in enumerate(contents)]})
+    assert (camera.images, camera.damaged) == (1, 2)
 
 
 def test_topics_that_would_share_a_folder_are_refused_and_repeated_ones_written_once(tmp_path):

@@ -173,7 +173,10 @@ def _compressed(content: bytes) -> _Picture | None:
         return None
     try:
         with Image.open(BytesIO(content)) as picture:
-            return _Picture(suffix, content, picture.size)
+            size = picture.size
+            picture.draft(None, (1, 1))  # coarsely, where the format allows that: only to see that nothing is cut off
+            picture.load()
+            return _Picture(suffix, content, size)
     except (OSError, ValueError, Image.DecompressionBombError):
         raise Damaged from None
 
@@ -189,8 +192,8 @@ def _lens(bag: Bag, topic: str, sizes: set[tuple[int, int]]) -> Intrinsics | Non
     rectified = bool(RECTIFIED.search(topic.removesuffix("/compressed").rpartition("/")[2]))
     for name in (f"{place}/camera_info" for place in places):
         if name in known:
-            _, message = next(bag.messages([name]))
-            lens = _intrinsics(message, rectified)
+            lenses = (_intrinsics(message, rectified) for _, message in bag.messages([name]))
+            lens = next(filter(None, lenses), None)  # drivers may begin with one of zeros
             return lens if lens and (not sizes or (lens.width, lens.height) in sizes) else None
     return None
 
