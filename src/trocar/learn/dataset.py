@@ -105,7 +105,8 @@ def export_lerobot(
             first = first or draft.same
             if draft.same != first:
                 problem = f"differs from those before it in its {_difference(first, draft.same)}"
-                raise InvalidInput(f"session {trial.about['session']}, trial {trial.about['index']}", problem)
+                remedy = "if one of them stopped before its first image, --successes leaves it out"
+                raise InvalidInput(f"session {trial.about['session']}, trial {trial.about['index']}", problem, remedy)
             draft.start(pool)
             waiting.append(draft)
             frames += episode.frames
