@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import inspect
+import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from types import UnionType
-from typing import Any, get_args
+from typing import Annotated, Any
 
 from matplotlib.axes import Axes
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from trocar.errors import BadFile, InvalidInput, UnknownName
 from trocar.eval import TASKS, Task, methods_of
@@ -111,7 +112,7 @@ class Sweep:
             raise BadFile(path, "names no task", 'give one, as task = "peg-transfer"', kind="sweep")
         for key in ("options", "flaws"):
             if not isinstance(values.get(key, {}), dict):
-                raise InvalidInput(f"{key} of {str(path)!r}", f"are {values[key]!r}", f"write a table, [{key}]")
+                raise InvalidInput(f"{key} of {str(path)!r}", f"is {values[key]!r}", f"write a table, [{key}]")
         task, options = TASKS.pick(values["task"]), values.get("options", {})
         names = [f.name for f in fields(task)]  # type: ignore[arg-type]
         for name in options:
@@ -156,16 +157,22 @@ class Sweep:
         return points
 
 
-WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text in quotes"}
+def _required(path: str | Path, key: str, kind: Any, value: Any) -> Any:
+    """Return a value of a sweep's file, which TOML reads as JSON would, if it is of this kind (a type hint)."""
+    strict = TypeAdapter(kind, config=ConfigDict(strict=True, arbitrary_types_allowed=True))
+    try:
+        return strict.validate_json(json.dumps(value, default=str))
+    except ValidationError as error:
+        wanted = error.errors()[0]["msg"].replace("Input should", "it should")
+        raise InvalidInput(f"{key} of {str(path)!r}", f"is {value!r}", wanted) from None
 
 
 def _listed(path: str | Path, key: str, given: Any, kind: type) -> tuple[Any, ...]:
     """Return a list of a sweep's file: different values of one kind, at least one."""
-    if not isinstance(given, list) or not given or any(type(one) is not kind for one in given):
-        raise InvalidInput(f"{key} of {str(path)!r}", f"are {given!r}", f"give a list, each {WORDS[kind]}")
-    if len(set(given)) < len(given):
-        raise InvalidInput(f"{key} of {str(path)!r}", f"are {given!r}", "give each of them once")
-    return tuple(given)
+    values = _required(path, key, Annotated[tuple[kind, ...], Field(min_length=1)], given)
+    if len(set(values)) < len(values):
+        raise InvalidInput(f"{key} of {str(path)!r}", f"is {given!r}", "give each of them once")
+    return values
 
 
 def _require_kinds(path: str | Path, kind: type, given: Mapping[str, Any]) -> None:
@@ -173,15 +180,7 @@ def _require_kinds(path: str | Path, kind: type, given: Mapping[str, Any]) -> No
     classes = [one for one in reversed(kind.__mro__) if one not in (Task, object)]
     hints = {k: v for one in classes for k, v in inspect.get_annotations(one, eval_str=True).items()}
     for name, value in given.items():
-        hint = hints[name]
-        if hint == tuple[str, ...]:
-            good, remedy = isinstance(value, list) and all(isinstance(one, str) for one in value), "a list of texts"
-        else:
-            kinds = [one for one in (get_args(hint) if isinstance(hint, UnionType) else (hint,)) if one in WORDS]
-            good = any(type(value) is one or (one is float and type(value) is int) for one in kinds) or not kinds
-            remedy = " or ".join(WORDS[one] for one in kinds)
-        if not good:
-            raise InvalidInput(f"{name} of {str(path)!r}", f"is {value!r}", f"give {remedy}")
+        _required(path, name, hints[name], value)
 
 
 def _named(flaw: str, scale: float, difficulty: str) -> tuple[str, ...]:
