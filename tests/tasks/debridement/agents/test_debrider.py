@@ -285,6 +285,16 @@ def test_jaws_are_looked_at_once_they_are_too_high_to_show_what_stayed_below_the
     played(script, [lying(LEFT_M)])
 
 
+@pytest.mark.parametrize(("height_m", "is_over"), [(CLEAR_M - 1e-3, False), (CLEAR_M + 1e-3, True)])
+def test_jaws_do_not_open_where_a_look_at_them_would_show_what_lies_below(height_m, is_over):
+    async def script(stage):
+        arm, middle = stage.arms["left"], TABLE.translation_m + [0.0, 0.0, height_m]
+        arm.robot.T_world_tip = lambda _: SE3.from_parts(translation_m=middle)
+        assert Debrider(arm, stage.allocation)._is_over() is is_over
+
+    played(script, [lying(LEFT_M)])
+
+
 def test_jaws_that_hold_nothing_open_and_the_next_grasp_is_another():
     async def script(stage):
         arm = stage.arms["left"]

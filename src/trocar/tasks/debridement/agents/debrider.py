@@ -237,9 +237,13 @@ class Debrider:
             await self.cell.clock.sleep(SHORT_S)
 
     def _is_over(self) -> bool:
-        """Return whether the tip is over the receptacle and the receptacle is reserved for the arm."""
+        """Return whether the tip is over the receptacle, high enough, and the receptacle is reserved for the arm.
+
+        Lower, a look at the open jaws would show what lies below them.
+        """
         tip = self.arm.robot.T_world_tip(self.name).translation_m
-        return self.allocation.over_receptacle(tip, INSIDE_M) and self.coordinator.try_reserve(self.name, RECEPTACLE)
+        is_there = self.allocation.over_receptacle(tip, INSIDE_M) and float(tip[2]) > self.places.table_m + CLEAR_M
+        return is_there and self.coordinator.try_reserve(self.name, RECEPTACLE)
 
     async def _look_ahead(self) -> None:
         """Look for the next fragment, once the arm has nearly come to rest: further out, it hides more of them."""
