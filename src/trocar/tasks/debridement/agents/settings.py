@@ -32,7 +32,7 @@ class Settings:
     # Grasp and lift.
     open_rad: float = 1.2  # of the jaws at a fragment
     hug_m: float = 0.010  # or this much wider than the fragment, if that is less; 0: always ``open_rad``
-    turns: bool = True  # turn about the vertical to close across a fragment and beside its neighbours
+    turns: bool = True  # about the vertical: across a fragment, beside neighbours; deeper after a failure
     close_s: float = 0.0  # duration of the jaws' closing; 0: as fast as they can
     above_m: float = 0.013  # the tip stops this high over a grasp, along the approach, and looks again (*)
     lift_m: float = 0.014  # straight lift after closing; 5 cm in their program
