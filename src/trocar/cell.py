@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from enum import Enum
@@ -237,6 +237,25 @@ class Log(Protocol):
         ...
 
 
+PERSON = "person"
+"""Role, in ``Cell.assistants``, of the person at a console."""
+
+
+@dataclass(frozen=True)
+class GoalOffer:
+    """A goal that a script may pursue next.
+
+    Attributes:
+        arm: the arm that begins it.
+        words: what would be done, as the rest of a sentence that begins with the arm's name.
+        path_world_m: (n, 3) places in the world through which it leads, from where something is taken to its end.
+    """
+
+    arm: str
+    words: str
+    path_world_m: NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class Cell:
     """One laboratory: devices, and what registration found there. Never the truth.
@@ -271,3 +290,12 @@ class Cell:
             result, seconds = await self.clock.compute(function, budget_s)
         self.log.compute(name, seconds, budget_s)
         return result
+
+    async def choose(self, goals: Sequence[GoalOffer]) -> int:
+        """Return which of these goals to pursue next: 0, unless a person at a console chooses another one.
+
+        A script calls it when it holds nothing and is about to begin a goal, with its first choice first. Without a
+        person it returns at once.
+        """
+        person = self.assistants.get(PERSON)
+        return 0 if person is None else await person.choose(goals)

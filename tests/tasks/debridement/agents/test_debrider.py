@@ -126,12 +126,18 @@ class Stage:
         self.log, self.lying = CellLog(trio.current_time), list(lying)
         names = dict.fromkeys(("left", "right"))
         clock = SimpleNamespace(now_s=trio.current_time, sleep=trio.sleep)
-        self.cell = SimpleNamespace(log=self.log, clock=clock, arms=names, T_world_base_registered=names)
+        self.cell = SimpleNamespace(
+            log=self.log, clock=clock, arms=names, T_world_base_registered=names, choose=self.choose
+        )
         self.coordinator = Coordinator(self.cell, tuple(names))
         workspace = replace(Workspace(), fragments=len(self.lying))
         goals = len(self.lying) if goals is None else goals
         self.allocation = Allocation(self.coordinator, workspace, TABLE, TABLE, goals)
         self.arms = {name: Arm(self, name, settings or best()) for name in names}
+
+    async def choose(self, goals):
+        """Take the first, as a cell without a person does."""
+        return 0
 
     async def run(self, *names):
         await run_all([Debrider(self.arms[name], self.allocation) for name in names])
@@ -405,3 +411,48 @@ def test_a_frozen_camera_ends_both_scripts_where_the_arms_are(during):
             assert stage.outcomes("left") == ["CAMERA_FROZEN"] and ("go", "home") not in stage.arms["left"].did
 
     played(script, [lying(LEFT_M), lying(RIGHT_M)])
+
+
+def allocated(stage):
+    """Return the places (2,) of the fragments that arms took, in order, and which arm it was."""
+    taken = [event for event in stage.log.events if event["name"] == "allocated"]
+    return [tuple(np.round(event["place"][:2], 3).tolist()) for event in taken], [event["arm"] for event in taken]
+
+
+def test_an_arm_takes_the_fragment_that_a_person_chooses():
+    told = []
+
+    async def script(stage):
+        async def choose(goals):
+            told.append(goals)
+            return len(goals) - 1
+
+        stage.cell.choose = choose
+        await stage.run("left")
+
+    stage = played(script, [lying(LEFT_M), lying(RIGHT_M)])
+    assert allocated(stage)[0] == [RIGHT_M, LEFT_M]  # the script's own first choice is the outermost on its side
+    assert [len(goals) for goals in told] == [2, 1]
+    assert [goal.words for goal in told[0]] == [
+        "takes the fragment at (-30, -70) mm",
+        "takes the fragment at (-120, -60) mm",
+    ]
+    assert {goal.arm for goals in told for goal in goals} == {"left"}
+    for goal, place in zip(told[0], (LEFT_M, RIGHT_M), strict=True):
+        np.testing.assert_allclose(goal.path_world_m[0, :2], place)
+        np.testing.assert_allclose(goal.path_world_m[-1], TABLE.translation_m)
+
+
+def test_a_fragment_that_the_other_arm_has_claimed_while_a_person_chose_is_not_taken():
+    async def script(stage):
+        async def choose(goals):  # slow, and always the same fragment
+            places = [goal.path_world_m[0, :2] for goal in goals]
+            await trio.sleep(0.3)
+            return int(np.argmin([np.linalg.norm(place - RIGHT_M) for place in places]))
+
+        stage.cell.choose = choose
+        await stage.run("left", "right")
+
+    stage = played(script, [lying(LEFT_M), lying(RIGHT_M)])
+    assert sorted(allocated(stage)[0]) == sorted([LEFT_M, RIGHT_M])
+    assert stage.outcomes() == ["DONE", "DONE"]

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from functools import partial
 
+import numpy as np
 import trio
 
+from trocar.cell import GoalOffer
 from trocar.errors import ArmStopped
 from trocar.geometry import SE3
 from trocar.robots.concurrency import together
@@ -128,8 +130,13 @@ class Debrider:
         if self.allocation.full(observed.fragments, tips):
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
         loose = [*self.allocation.loose(observed.fragments), *self.allocation.loose(observed.hidden)]
-        now_s = self.cell.clock.now_s()
-        for fragment in self.allocation.choices(self.name, self.arm.side, loose, self.s.apart_m, now_s):
+        now_s, untried = self.cell.clock.now_s(), loose
+        while choices := self.allocation.choices(self.name, self.arm.side, untried, self.s.apart_m, now_s):
+            changes = self.allocation.changes
+            fragment = choices[await self.cell.choose([self._offer(choice) for choice in choices])]
+            if self.allocation.changes != changes:  # while a person chose, the other arm has claimed one
+                continue
+            untried = [f for f in untried if f is not fragment]
             others = [f for f in loose if f is not fragment]
             failures = self.allocation.failures_at(fragment.p_world_m)
             grasps = self.places.grasps(fragment, others, self.arm.model, self.arm.turn_rad, failures)
@@ -145,6 +152,12 @@ class Debrider:
             where = ", ".join(f"({1e3 * f.p_world_m[0]:.0f}, {1e3 * f.p_world_m[1]:.0f}) mm" for f in loose)
             self.note(FragmentOutcome.OUT_OF_REACH, f"no grasp at {where} is within reach")
         return None
+
+    def _offer(self, fragment: SeenFragment) -> GoalOffer:
+        """Return what a person is told of a fragment that this arm may take."""
+        x_mm, y_mm = 1e3 * fragment.p_world_m[:2]
+        path_m = np.array([fragment.p_world_m, self.allocation.T_world_receptacle.translation_m])
+        return GoalOffer(self.name, f"takes the fragment at ({x_mm:.0f}, {y_mm:.0f}) mm", path_m)
 
     async def _observed(self) -> Observation:
         """Return what the look at the last release showed, unless it is old or a fragment was taken since, or look."""
