@@ -10,7 +10,7 @@ import trio
 
 from simulated import STATION, coarse, ideal_laboratory, standing
 from trocar.arms import capsules
-from trocar.cell import MotionEnd, MotionResult
+from trocar.cell import SEAT, MotionEnd, MotionResult
 from trocar.errors import ArmStopped
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
@@ -76,6 +76,17 @@ def stuck(arm: str, closings: int | None = None):
     return Stuck
 
 
+class Chooser:
+    """A person at a console, who chooses goals by these numbers among those offered; keeps what was offered."""
+
+    def __init__(self, *numbers):
+        self.numbers, self.offered = list(numbers), []
+
+    async def choose(self, goals):
+        self.offered.append(goals)
+        return self.numbers.pop(0)
+
+
 def played(
     variant: str,
     goals: Sequence[Transfer],
@@ -88,6 +99,7 @@ def played(
     settings: Settings = SETTINGS,
     perception=None,
     registered_off_m: Mapping[str, Sequence[float]] = {},
+    person: Chooser | None = None,
 ) -> tuple[SimLaboratory, bool, list[TransferScore]]:
     """Play transfers in an ideal cell; return the laboratory, whether the agent ended in time, and the scores.
 
@@ -99,7 +111,8 @@ def played(
     bases = dict(lab.cell.T_world_base_registered)
     bases |= {name: SE3.from_parts(translation_m=off_m) @ bases[name] for name, off_m in registered_off_m.items()}
     cameras = {name: camera(device) for name, device in lab.cell.cameras.items()}
-    lab.cell = replace(lab.cell, cameras=cameras, T_world_base_registered=bases)
+    seated = {SEAT: person} if person else {}
+    lab.cell = replace(lab.cell, cameras=cameras, T_world_base_registered=bases, assistants=seated)
     agent = agent_of(briefed(lab, variant, goals, arms=arms, settings=settings, perception=perception))
     in_time = lab.run(lambda cell: agent.run(), budget_s)
     return lab, in_time, score_transfers(goals, lab.truth(), lab.log.events, handover=variant == "handover")

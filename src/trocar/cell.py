@@ -237,7 +237,7 @@ class Log(Protocol):
         ...
 
 
-PERSON = "person"
+SEAT = "person"
 """Role, in ``Cell.assistants``, of the person at a console."""
 
 
@@ -297,5 +297,5 @@ class Cell:
         A script calls it when it holds nothing and is about to begin a goal, with its first choice first. Without a
         person it returns at once.
         """
-        person = self.assistants.get(PERSON)
+        person = self.assistants.get(SEAT)
         return 0 if person is None else await person.choose(goals)

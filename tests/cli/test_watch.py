@@ -5,8 +5,8 @@ import socket
 
 import pytest
 
+from trocar.cell import SEAT
 from trocar.console import Watch
-from trocar.console.person import SEAT
 from trocar.errors import EmergencyStop
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare

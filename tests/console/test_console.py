@@ -1,12 +1,14 @@
 """What a person at a console may do to a cell, without a page."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trio
 
 from driven import ARM, HOME, PAPER, PlainArms
 from trocar.arms import fk
-from trocar.cell import Cell
+from trocar.cell import SEAT, Cell, GoalOffer
 from trocar.console import Console
 from trocar.errors import EmergencyStop, TooNear
 from trocar.geometry import SE3, SO3
@@ -145,6 +147,87 @@ def test_a_goal_waits_for_one_yes():
 
     after_first_s = desk.run(script)
     assert after_first_s < 1.1 + MOTION.duration_s + back.duration_s and desk.arms.now_s() > 9.0
+
+
+GOALS = [GoalOffer("a", f"takes block {k}", np.full((2, 3), 0.01 * k)) for k in range(3)]
+
+
+class Choosing(Desk):
+    """A script that chooses a goal, moves there and back, and so on; it notes what was shown and chosen."""
+
+    def __init__(self, plan, level=Level.GOALS, goals=1):
+        super().__init__(plan, level)
+        self.cell = replace(self.cell, assistants={SEAT: self.console})
+        self.shown, self.chosen, self.at_s = [], [], []
+        self.count = goals
+
+    def play(self):
+        self.arms.each_tick.append(lambda: self.shown.append(self.console.standing))
+        return self.run(self._script)
+
+    async def _script(self):
+        for _ in range(self.count):
+            self.chosen.append(await self.cell.choose(GOALS))
+            self.at_s.append(self.arms.now_s())
+            await self.robot.move({"a": MOTION})
+            await self.robot.move({"a": rest_to_rest(GOAL, HOME, PAPER)})
+            self.console.note({"name": "goal"})
+
+
+def test_a_person_turns_over_the_goals_and_says_yes_to_one():
+    plan = [(at_s, Said(Wish.ANOTHER)) for at_s in (0.5, 1.0, 1.5, 2.0)]  # once round, and one further
+    desk = Choosing([*plan, (2.5, Said(Wish.YES)), (9.0, Said(Wish.YES))], goals=2)
+    desk.play()
+    assert desk.chosen == [1, 0] and desk.at_s == pytest.approx([2.5, 9.0], abs=0.05)
+    asked = [now for now in desk.shown if now.asks]
+    words = list(dict.fromkeys(now.words for now in asked))
+    assert words == [f"Waits for your yes: a takes block {k} ({k + 1} of 3)" for k in range(3)]
+    assert {now.choices for now in asked} == {3}
+    for now in asked:
+        number = int(now.words.split("block ")[1][0])
+        np.testing.assert_allclose(now.ghosts["a"].path_m, GOALS[number].path_world_m)
+        np.testing.assert_allclose(now.ghosts["a"].q, desk.arms.sent["a"][0], atol=1e-9)
+    assert [event["wish"] for event in desk.events("person")] == ["ANOTHER"] * 4 + ["YES"] * 2
+
+
+def test_a_yes_to_a_goal_that_is_no_longer_shown_does_not_count():
+    plan = [(0.5, Said(Wish.ANOTHER, value=1)), (0.6, Said(Wish.YES, value=1)), (0.7, Said(Wish.ANOTHER, value=1))]
+    desk = Choosing([*plan, (3.0, Said(Wish.YES, value=2))])
+    desk.play()
+    assert desk.chosen == [1] and desk.at_s == pytest.approx([3.0], abs=0.05)
+
+
+def test_a_goal_that_was_chosen_is_not_asked_about_again_unless_each_motion_is():
+    desk = Choosing([(1.0, Said(Wish.YES))])
+    desk.play()
+    assert not any(now.asks for now in desk.shown[round(1.05 / 0.002) :])
+    each = Choosing([(1.0, Said(Wish.YES)), (3.0, Said(Wish.YES)), (9.0, Said(Wish.YES))], Level.MOTIONS)
+    each.play()
+    assert each.arms.now_s() > 9.0 and {now.choices for now in each.shown if now.asks} == {3, 1}
+
+
+def test_a_script_that_is_trusted_takes_its_own_first_goal():
+    desk = Choosing([], Level.AUTONOMOUS)
+    desk.play()
+    assert desk.chosen == [0] and not any(now.asks for now in desk.shown)
+
+
+def test_the_goal_that_is_shown_counts_once_the_script_is_trusted_and_goes_on_waiting_until_then():
+    plan = [
+        (0.5, Said(Wish.ANOTHER)),
+        (1.0, Said(Wish.LEVEL, value=Level.GOALS)),
+        (3.0, Said(Wish.LEVEL, value=Level.AUTONOMOUS)),
+    ]
+    desk = Choosing(plan, Level.MOTIONS)
+    desk.play()
+    assert desk.chosen == [1] and desk.at_s == pytest.approx([3.0], abs=0.05)
+
+
+def test_a_wish_for_another_goal_changes_nothing_where_there_is_no_choice():
+    desk = Desk([(0.5, Said(Wish.ANOTHER, value=1)), (1.0, Said(Wish.YES, value=1))], Level.MOTIONS)
+    told = desk.told()
+    assert desk.move()["a"].done
+    assert {now.choices for now in told} == {1} and desk.arms.now_s() < 1.2 + MOTION.duration_s
 
 
 def test_a_script_that_is_cancelled_asks_no_more():

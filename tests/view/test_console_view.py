@@ -62,6 +62,7 @@ def opened():
     ("label", "standing", "wish", "arm"),
     [
         ("Yes, go", {"asks": True}, Wish.YES, ""),
+        ("Another goal", {"asks": True, "choices": 2}, Wish.ANOTHER, ""),
         ("Stop", {}, Wish.STOP, ""),
         ("Go on", {"stopped": True}, Wish.GO_ON, ""),
         ("EMERGENCY", {}, Wish.EMERGENCY, ""),

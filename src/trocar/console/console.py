@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import trio
 from trio.testing import wait_all_tasks_blocked
 
 from trocar.arms import fk
-from trocar.cell import Cell
+from trocar.cell import Cell, GoalOffer
 from trocar.console.hand import Hand
 from trocar.console.question import Question
 from trocar.errors import AlreadyThere, EmergencyStop, InvalidInput, MotionRefused
@@ -32,7 +32,7 @@ class Console:
     """A person's control of one cell: the pace of its clock, the permission of motions, and who moves its arms.
 
     In the simulator, the clock is paused while a motion waits for confirmation. So a trial in which the person only
-    confirms motions is, byte for byte, the trial of the script alone. On real arms, time goes on.
+    confirms is, byte for byte, the trial of the script alone. On real arms, time goes on.
 
     Args:
         level: what a script needs confirmation for.
@@ -71,7 +71,7 @@ class Console:
         self.latencies_s: list[float] = []
         self._robot: Supervised | None = None
         self._question: Question | None = None
-        self._asked, self._goal_begins, self._works = 0, True, False
+        self._asked, self._goal_begins, self._offers, self._works = 0, True, False, False
         self.stopped, self._paused, self.ended = stopped, False, ""
         self._taken: set[str] = set()
         self._scopes: dict[str, trio.CancelScope] = {}
@@ -111,7 +111,7 @@ class Console:
 
     @property
     def asks(self) -> bool:
-        """Return whether a motion waits for confirmation, and for nothing else."""
+        """Return whether a motion or a goal waits for confirmation, and for nothing else."""
         return self._question is not None and not (self.stopped or self._taken)
 
     @property
@@ -127,18 +127,30 @@ class Console:
                 await self.free(arm)
             if not self._needs_yes:
                 return
-            while self._question is not None:
-                await self._question.answered.wait()
-            if not self._needs_yes:
-                continue
-            self._question = question = Question.about(self._own_cell, motions)
+            await self._ask(lambda: Question.about(self._own_cell, motions) if self._needs_yes else None)
+            if not any(self.forbids(arm) for arm in motions):
+                return
+
+    async def choose(self, goals: Sequence[GoalOffer]) -> int:
+        """Return which of these goals is next, see ``Cell.choose``."""
+        self._offers, self._goal_begins = True, False
+        question = await self._ask(
+            lambda: None if self.level is Level.AUTONOMOUS else Question.of(self._own_cell, goals)
+        )
+        return 0 if question is None else question.chosen
+
+    async def _ask(self, about: Callable[[], Question | None]) -> Question | None:
+        """Ask once nothing else is being asked; return the answered question, None if it need not be asked by then."""
+        while self._question is not None:
+            await self._question.answered.wait()
+        self._question = question = about()
+        if question is not None:
             self._asked += 1
             try:
                 await question.answered.wait()
             finally:  # a cancelled script withdraws its question; else the clock would stay paused
                 self._answer(question)
-            if not any(self.forbids(arm) for arm in motions):
-                return
+        return question
 
     async def free(self, arm: str) -> None:
         """Return once the arm may be used."""
@@ -152,6 +164,10 @@ class Console:
     @property
     def _needs_yes(self) -> bool:
         return self.level is Level.MOTIONS or (self.level is Level.GOALS and self._goal_begins)
+
+    def _must_wait(self, question: Question | None) -> bool:
+        """Return whether a question still waits for an answer at the present level."""
+        return self.level is not Level.AUTONOMOUS and (self._needs_yes or (question is not None and question.of_goals))
 
     # a script beside the agent
 
@@ -240,7 +256,7 @@ class Console:
 
     def note(self, event: Mapping[str, object]) -> None:
         """Note an event of the cell's log."""
-        self._goal_begins |= event["name"] == self._noun
+        self._goal_begins |= event["name"] == self._noun and not self._offers
 
     def _listen(self) -> bool:
         """Process the new wishes; return whether there were any."""
@@ -252,9 +268,8 @@ class Console:
     def _take_in(self, said: Said) -> None:  # noqa: PLR0912  a wish each
         hand = self.hands.get(said.arm)
         match said.wish:
-            case Wish.YES if self.asks and said.value in (None, self._asked):
-                self._goal_begins = False
-                self._answer(self._question)
+            case Wish.YES | Wish.ANOTHER if self.asks and said.value in (None, self._asked):
+                self._choose_or_turn_over(said.wish)
             case Wish.STOP:
                 self._stop("")
             case Wish.GO_ON:
@@ -275,7 +290,7 @@ class Console:
                 hand.open_jaws(said.value)
             case Wish.LEVEL:
                 self.level = said.value
-                if not self._needs_yes:
+                if not self._must_wait(self._question):
                     self._answer(self._question)
             case Wish.SPEED if self._paced:
                 self.speed, self._due_s = said.value, math.nan
@@ -291,6 +306,15 @@ class Console:
         if self.cell is not None and not streamed:
             self.cell.log.event("person", wish=said.wish.name, **({"arm": said.arm} if said.arm else {}))
         self._change()
+
+    def _choose_or_turn_over(self, answer: Wish) -> None:
+        """Let what the page shows begin, or show another goal; a yes to the one before then counts no more."""
+        if answer is Wish.YES:
+            self._goal_begins = False
+            self._answer(self._question)
+        elif self._question is not None and len(self._question.choices) > 1:
+            self._question.turn_over()
+            self._asked += 1
 
     def _stop(self, why_ended: str) -> None:
         """Brake all arms; if a reason is given, end the trial too."""
@@ -336,7 +360,8 @@ class Console:
             return replace(now, words=words, colour=WAITS if refused else GOOD)
         if (question := self._question) is not None:
             words = f"Waits for your yes: {question.words}"
-            return replace(now, words=words, colour=WAITS, asks=True, question=self._asked, ghosts=question.ghosts)
+            asked = replace(now, asks=True, question=self._asked, choices=len(question.choices), ghosts=question.ghosts)
+            return replace(asked, words=words, colour=WAITS)
         return replace(
             now, words="The clock stands" if self._paused else "Runs", colour=WAITS if self._paused else GOOD
         )

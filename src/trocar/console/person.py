@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+from trocar.cell import SEAT
 from trocar.errors import InvalidInput
 from trocar.eval.method import AgentContext, Method
-
-SEAT = "person"
-"""Key of the console in ``Cell.assistants``."""
 
 
 class Person:

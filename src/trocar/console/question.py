@@ -1,15 +1,15 @@
-"""Motions that wait for a person's confirmation, in words and as paths."""
+"""What waits for a person's confirmation: motions, or a choice of goals, in words and as paths."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import trio
 
 from trocar.arms import fk
-from trocar.cell import Cell
+from trocar.cell import Cell, GoalOffer
 from trocar.geometry import shown
 from trocar.motion.bodies import MovingArm
 from trocar.motion.clearance import swept_clearance
@@ -20,19 +20,54 @@ PATH_STEP_S = 0.02
 """Time between two points of a displayed path."""
 
 
-@dataclass(eq=False)
-class Question:
-    """Motions that wait for confirmation.
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What happens if the person says yes.
 
     Attributes:
         words: description for the person.
         ghosts: the motions, by arm.
-        answered: set once the person has answered, or the script waits no more.
     """
 
     words: str
     ghosts: Mapping[str, Ghost]
+
+
+@dataclass(eq=False)
+class Question:
+    """Motions, or a choice of goals, that wait for confirmation.
+
+    Attributes:
+        choices: what a yes may mean; several only for goals.
+        of_goals: whether it is about goals.
+        chosen: number of the choice that the page shows.
+        answered: set once the person has answered, or the script waits no more.
+    """
+
+    choices: Sequence[Choice]
+    of_goals: bool = False
+    chosen: int = 0
     answered: trio.Event = field(default_factory=trio.Event)
+
+    @property
+    def words(self) -> str:
+        """Return the description of the choice that the page shows."""
+        among = f" ({self.chosen + 1} of {len(self.choices)})" if len(self.choices) > 1 else ""
+        return self.choices[self.chosen].words + among
+
+    @property
+    def ghosts(self) -> Mapping[str, Ghost]:
+        """Return the motions of the choice that the page shows."""
+        return self.choices[self.chosen].ghosts
+
+    def turn_over(self) -> None:
+        """Show the next choice; after the last one, the first."""
+        self.chosen = (self.chosen + 1) % len(self.choices)
+
+    @classmethod
+    def of(cls, cell: Cell, goals: Sequence[GoalOffer]) -> Question:
+        """Return the question which of these goals is next."""
+        return cls([_choice(cell, goal) for goal in goals], of_goals=True)
 
     @classmethod
     def about(cls, cell: Cell, motions: Mapping[str, Trajectory]) -> Question:
@@ -46,7 +81,15 @@ class Question:
             told.append(
                 f"{arm} moves {100 * length_m:.1f} cm in {motion.duration_s:.1f} s, to {x:.0f} {y:.0f} {z:.0f} mm"
             )
-        return cls("; ".join([*told, *_apart(cell, motions)]), ghosts)
+        return cls([Choice("; ".join([*told, *_apart(cell, motions)]), ghosts)])
+
+
+def _choice(cell: Cell, goal: GoalOffer) -> Choice:
+    """Return a goal as a choice: a line along its path, and the arm where it is."""
+    arm = goal.arm
+    q, jaw_rad = cell.robot.setpoint(arm).q, cell.robot.read(arm).jaw_rad
+    ghost = Ghost(cell.arms[arm], cell.T_world_base_registered[arm], goal.path_world_m, q, jaw_rad)
+    return Choice(f"{arm} {goal.words}", {arm: ghost})
 
 
 def _apart(cell: Cell, motions: Mapping[str, Trajectory]) -> list[str]:

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from trocar.cell import Cell
+from trocar.cell import SEAT, Cell
 from trocar.console.console import Console
 from trocar.console.inputs import Inputs
-from trocar.console.person import SEAT
 from trocar.errors import EmergencyStop
 from trocar.eval.config import RunConfig
 from trocar.eval.sight import sight_of

@@ -47,7 +47,8 @@ class Level(Enum):
 class Wish(Enum):
     """What a person can ask for."""
 
-    YES = "the motion that is asked about may start"
+    YES = "the motion that is asked about may start, or this goal is next"
+    ANOTHER = "another goal than the one that is asked about"
     STOP = "all arms brake, and stay"
     GO_ON = "arms that were stopped go on"
     EMERGENCY = "all arms brake, and the trial ends"
@@ -62,6 +63,10 @@ class Wish(Enum):
     STEP = "the clock advances by this time"
     DONE = "the person has done what there is to do"
     LEFT = "the page that held the controls is gone, or does not answer any more"
+
+
+ANSWERS = (Wish.YES, Wish.ANOTHER)
+"""Wishes that answer a question."""
 
 
 class Held(NamedTuple):
@@ -100,13 +105,13 @@ class Said:
 
 
 class Ghost(NamedTuple):
-    """A motion that waits for confirmation.
+    """A motion that waits for confirmation, or the way of a goal.
 
     Attributes:
         arm: model of the arm that moves.
         T_world_base: registered pose of that arm's base.
         path_m: (n, 3) path of its tip in the world.
-        q: (6,) joints at its end.
+        q: (6,) joints at its end; before a goal, where the arm is.
         jaw_rad: opening of the jaws now.
     """
 
@@ -124,13 +129,14 @@ class Standing:
     Attributes:
         words: the state in a sentence.
         colour: of the sentence.
-        asks: whether a motion waits for confirmation.
+        asks: whether a motion or a goal waits for confirmation.
         question: number of the question about it; the page's yes names it.
+        choices: number of goals among which the person may choose; 1: there is no choice.
         stopped: whether the arms are stopped.
         level: what a script needs confirmation for.
         speed: of the simulator's clock; None on real arms.
         works: whether the person does the whole task, rather than a script.
-        ghosts: motions that wait for confirmation, by arm.
+        ghosts: motions that wait for confirmation, or the way of a goal, by arm.
         hands: arms that the person moves: position (3,) in m and quaternion w, x, y, z of the tip, or None while the
             tip follows an input.
     """
@@ -139,6 +145,7 @@ class Standing:
     colour: Rgb = GOOD
     asks: bool = False
     question: int = 0
+    choices: int = 1
     stopped: bool = False
     level: Level = Level.AUTONOMOUS
     speed: float | None = 1.0
@@ -215,6 +222,7 @@ class ConsoleView(LiveView):
         with gui.add_folder("Console", order=CONTROLS):
             self._words = gui.add_html("")
             self._yes = self._add_button("Yes, go", "Y", Wish.YES, color="green", visible=False)
+            self._another = self._add_button("Another goal", "N", Wish.ANOTHER, visible=False)
             self._stop = self._add_button("Stop", "S", Wish.STOP, color="orange")
             self._go_on = self._add_button("Go on", "G", Wish.GO_ON, color="green", visible=False)
             self._add_button("EMERGENCY STOP", "X", Wish.EMERGENCY, color="red")
@@ -234,10 +242,10 @@ class ConsoleView(LiveView):
             self._flaws = gui.add_html("")
 
     def _add_button(self, label: str, key: Any, wish: Wish, **how: Any) -> Any:
-        """Add a button with a hotkey; a yes confirms only the motion that the page shows, not a later one."""
+        """Add a button with a hotkey; an answer concerns only what the page shows, not a later question."""
 
         def press(event: Any) -> None:
-            self._wish(event, wish, self._question if wish is Wish.YES else None)
+            self._wish(event, wish, self._question if wish in ANSWERS else None)
 
         button = self.server.gui.add_button(f"{label} ({key})", **how)
         button.on_click(press)
@@ -280,6 +288,7 @@ class ConsoleView(LiveView):
             f'<div style="border-left:6px solid {css(now.colour)};padding:4px 10px">{escape(now.words)}</div>'
         )
         self._yes.visible, self._done.visible = now.asks, now.works
+        self._another.visible = now.asks and now.choices > 1
         self._stop.visible, self._go_on.visible = not now.stopped, now.stopped
         self._level.visible = not now.works  # no script asks
         self._level.value = now.level.value

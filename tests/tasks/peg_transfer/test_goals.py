@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trocar.tasks.peg_transfer.goals import GOALS, PAIRS
+from trocar.tasks.peg_transfer.goals import GOALS, PAIRS, Transfer, ready
 from trocar.tasks.peg_transfer.shapes import Pegboard
 
 
@@ -30,3 +30,15 @@ def test_the_transfers_are_the_papers():
     assert GOALS["unilateral"][:6] == GOALS["handover"][:6] == ((1, 7), (0, 6), (3, 8), (2, 9), (5, 11), (4, 10))
     assert GOALS["bilateral"][:6] == ((0, 7), (5, 10), (2, 6), (3, 11), (1, 8), (4, 9))
     assert all(goals[6:] == tuple((target, source) for source, target in goals[:6]) for goals in GOALS.values())
+
+
+@pytest.mark.parametrize("variant", GOALS)
+def test_only_the_way_there_is_ready_before_any_block_has_moved(variant):
+    assert ready(GOALS[variant]) == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_goal_is_ready_once_its_block_has_come_and_its_peg_is_free():
+    there, back, onto_its_peg, elsewhere = Transfer(1, 7), Transfer(7, 1), Transfer(2, 1), Transfer(3, 8)
+    assert ready([there, back, onto_its_peg, elsewhere]) == [0, 3]
+    assert ready([back, onto_its_peg, elsewhere]) == [0, 2]
+    assert ready([]) == []

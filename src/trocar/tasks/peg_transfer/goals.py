@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -32,6 +33,15 @@ GOALS = {
     "handover": THERE + BACK,
 }
 """The twelve transfers of each variant, in order."""
+
+
+def ready(goals: Sequence[Transfer]) -> list[int]:
+    """Return the numbers of the goals that no earlier one of these has to precede.
+
+    One goal precedes another if it brings the block that the other takes, or frees the peg that the other needs.
+    """
+    pegs = [{goal.source, goal.target} for goal in goals]
+    return [number for number, own in enumerate(pegs) if not any(own & before for before in pegs[:number])]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from simulated import ideal_laboratory, standing
 from trocar.errors import TrocarError
 from trocar.tasks.peg_transfer.agents.two_arms import Bilateral
 from trocar.tasks.peg_transfer.goals import GOALS
-from two_armed import SETTINGS, briefed, distance_of_arms_m, named, played
+from two_armed import SETTINGS, Chooser, briefed, distance_of_arms_m, named, played
 
 FIRST = GOALS["bilateral"][:2]
 LEFT, RIGHT = FIRST
@@ -49,3 +49,13 @@ def test_the_arms_keep_their_margin_and_the_guard_has_nothing_to_do(clean):
 def test_one_arm_alone_is_refused():
     with pytest.raises(TrocarError, match=r"needs two arms, and was given psm1"):
         Bilateral(briefed(ideal_laboratory(standing(0)), "bilateral", FIRST, arms=("psm1",)))
+
+
+def test_a_person_chooses_for_each_arm_among_its_own_transfers():
+    goals, person = GOALS["bilateral"][:4], Chooser(1, 1, 0, 0)
+    lab, in_time, scores = played("bilateral", goals, person=person)
+    assert in_time and all(score.succeeded for score in scores)
+    noted = [(next(iter(event["turns"])), event["goal"]) for event in named(lab, "transfer")]
+    assert [goal for arm, goal in noted if arm == "psm2"] == [2, 0]
+    assert [goal for arm, goal in noted if arm == "psm1"] == [3, 1]
+    assert [{goal.arm for goal in offered} for offered in person.offered[:2]] == [{"psm2"}, {"psm1"}]

@@ -10,7 +10,7 @@ from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.receiver import MAX_THINNER_RAD
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Pegboard
-from two_armed import SETTINGS, Wrapped, at_rest, distance_of_arms_m, named, played, stuck
+from two_armed import SETTINGS, Chooser, Wrapped, at_rest, distance_of_arms_m, named, played, stuck
 
 GOAL, NEXT = GOALS["handover"][:2]
 THERE_AND_BACK = (GOAL, NEXT, GOALS["handover"][6])
@@ -130,3 +130,16 @@ def test_a_block_that_nobody_takes_is_put_back():
     assert (score.succeeded, score.failure) == (False, TransferOutcome.NOT_GRASPED.name)
     assert lab.truth().pegs[-1, GOAL.source] == GOAL.source
     assert len(named(lab, "pick failed")) == SETTINGS.rounds * (1 + SETTINGS.retries)
+
+
+def test_a_person_chooses_the_order_of_the_handovers_for_both_arms():
+    person, back = Chooser(1, 0, 0), GOALS["handover"][7]  # of the next one's block
+    lab, in_time, scores = played("handover", (GOAL, NEXT, back), person=person)
+    assert in_time and all(score.succeeded for score in scores)
+    assert [event["goal"] for event in named(lab, "transfer")] == [1, 0, 2]
+    hands = {goal: f"hands over the block on peg {goal.source}, for peg {goal.target}" for goal in (GOAL, NEXT, back)}
+    assert [[(goal.arm, goal.words) for goal in goals] for goals in person.offered] == [
+        [("psm2", hands[GOAL]), ("psm2", hands[NEXT])],
+        [("psm2", f"then {hands[GOAL]}"), ("psm1", f"then {hands[back]}")],
+        [("psm1", f"then {hands[back]}")],
+    ]

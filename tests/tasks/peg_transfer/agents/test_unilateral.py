@@ -21,7 +21,7 @@ from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
 from trocar.tasks.peg_transfer.goals import THERE, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.perception import DepthView
 from trocar.tasks.peg_transfer.shapes import Pegboard
-from two_armed import SETTINGS, briefed, named, played, stuck
+from two_armed import SETTINGS, Chooser, briefed, named, played, stuck
 
 FIRST, SECOND = THERE[:2]
 EMPTY = Transfer(10, 4)
@@ -76,6 +76,21 @@ def test_every_part_is_noted_and_computing_takes_its_declared_time(clean):
     assert 0 <= lasts["planning"] - SETTINGS.planning_budget_s < TICK_S
     assert lasts["capture"] > 0.1
     assert all(computation.seconds > 0 for computation in lab.log.computations)
+
+
+def test_a_person_chooses_among_the_transfers_whose_block_and_peg_are_there():
+    person, back = Chooser(1, 0, 0), Transfer(*SECOND[::-1])
+    lab, in_time, scores = play([FIRST, SECOND, back], person=person)
+    assert in_time and all(score.succeeded for score in scores)
+    assert [event["goal"] for event in named(lab, "transfer")] == [1, 0, 2]
+    assert [[goal.words for goal in goals] for goals in person.offered] == [
+        ["brings the block on peg 1 to peg 7", "brings the block on peg 0 to peg 6"],
+        ["brings the block on peg 1 to peg 7", "brings the block on peg 6 to peg 0"],
+        ["brings the block on peg 6 to peg 0"],
+    ]
+    feet_m = lab.cell.T_world_fixture["board"].apply(Pegboard().pegs_m[[1, 7]])
+    assert_allclose(person.offered[0][0].path_world_m[[0, -1]], feet_m, atol=1e-3)
+    assert {goal.arm for goals in person.offered for goal in goals} == {"psm1"}
 
 
 def test_the_arm_leaves_the_board_at_the_end(clean):

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ import pytest
 from sewing import briefed, sewing_laboratory
 from simulated import coarse
 from trocar.arms import limit_violations
+from trocar.cell import SEAT
 from trocar.errors import ArmStopped, InvalidInput, OutOfReach, TrocarError
 from trocar.lab import load_station
 from trocar.tasks.suture.agents import circle
-from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings, along, run_up
+from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, stretches
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import suture_joints
@@ -41,11 +43,14 @@ async def nobody(arm):
     del arm
 
 
-def drive(sutures, load=None, settings=QUICK, refusing=()):
+def drive(sutures, load=None, settings=QUICK, refusing=(), choose=None):
     """Return the laboratory in which these sutures were driven, by a robot that may be ``Refusing``, and scores."""
     lab = laboratory()
     if load:
         lab.cell = replace(lab.cell, assistants={LOAD: load})
+    if choose:
+        seated = {**lab.cell.assistants, SEAT: SimpleNamespace(choose=choose)}
+        lab.cell = replace(lab.cell, assistants=seated)
     if refusing:
         lab.cell = replace(lab.cell, robot=Refusing(lab.cell.robot, *refusing))
     agent = CircleSuturing(briefed(lab.cell, sutures, settings))
@@ -219,10 +224,17 @@ def test_a_turn_that_commands_do_not_allow_to_the_end_stops_short_of_it():
     assert score.entry_error_m < 0.5e-3 and score.exit_error_m < 1e-3
 
 
-def test_the_start_of_a_way_is_come_to_along_it():
-    q = np.linspace(np.zeros(6), np.ones(6), 11)
-    np.testing.assert_allclose(run_up(q, 5e-3), np.full(6, -0.2))  # 1 mm of 5 behind the start
-    np.testing.assert_allclose(run_up(q[:2], 0.5e-3), -q[1])
+def test_a_person_chooses_which_suture_is_next():
+    offered = []
+
+    async def choose(goals):
+        offered.append([goal.words for goal in goals])
+        return len(goals) - 1
+
+    lab, scores = drive(GOALS[:3], nobody, choose=choose)
+    assert [event["suture"] for event in named(lab, "suture")] == [2, 1, 0]
+    assert [score.failure for score in scores] == ["NEEDLE_MISSED"] * 3
+    assert [len(words) for words in offered] == [3, 2, 1] and offered[0][2] == f"drives suture 3, {GOALS[2]}"
 
 
 def test_jaws_that_were_given_nothing_say_so():
@@ -250,15 +262,3 @@ def test_a_cell_without_an_assistant_is_refused():
         CircleSuturing(told(replace(lab.cell, assistants={})))
     with pytest.raises(TrocarError, match=r"arm 'psm3' is unknown; .*choose one of psm1"):
         CircleSuturing(told(lab.cell, arms=("psm3",)))
-
-
-def test_a_motion_along_a_path_keeps_to_it_and_rests_at_both_ends():
-    share = np.linspace(0.0, 1.0, 30)[:, None]
-    path = np.hstack([np.sin(share * (k + 1)) for k in range(6)])
-    motion = along(path, 2.0)
-    assert motion.duration_s == pytest.approx(2.0)
-    np.testing.assert_allclose(motion([0.0, 2.0]), path[[0, -1]], atol=1e-12)
-    np.testing.assert_allclose(motion([0.0, 2.0], 1), 0.0, atol=1e-12)
-    q = motion(np.linspace(0.0, 2.0, 200))
-    fine = np.hstack([np.sin(np.linspace(0, 1, 60_000)[:, None] * (k + 1)) for k in range(6)])
-    assert max(np.abs(fine - row).max(axis=1).min() for row in q) < 1e-4

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.cell import Result
+from trocar.cell import GoalOffer, Result
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.perception.image import RgbdImage
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.peg_transfer.goals import TransferOutcome
+from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome, ready
 from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp
 from trocar.tasks.peg_transfer.perception import depth_camera
 
@@ -82,6 +82,22 @@ class Table:
         self.saw(image, {f"block on {peg}": pose.apply(self.block.rim_m) for peg, pose in seen.items()})
         self.cell.log.event("check", pegs=[*seen], missing=missing)
         return not missing
+
+    async def choose(self, goals: Sequence[Transfer], told: Callable[[Transfer], tuple[str, str]]) -> int:
+        """Return the number of the next one of these goals: the first, unless a person chooses another.
+
+        Args:
+            goals: those that are left, in the script's order.
+            told: returns the arm that begins a goal, and what it does, in words.
+        """
+        free = ready(goals)
+        return free[await self.cell.choose([GoalOffer(*told(goals[k]), self._way_m(goals[k])) for k in free])]
+
+    def _way_m(self, goal: Transfer) -> NDArray[np.float64]:
+        """Return places (4, 3) in the world from the foot of a goal's source over the pegs to that of its target."""
+        feet_m = self.board.pegs_m[[goal.source, goal.target]]
+        over_m = feet_m + [0.0, 0.0, 2 * self.board.peg_height_m]
+        return self.T_world_board.apply(np.stack([feet_m[0], *over_m, feet_m[1]]))
 
     def saw(self, image: RgbdImage, rims_m: Mapping[str, NDArray[np.float64]]) -> None:
         """Note what an image shows, for viewers: lines (n, 3) in the board's frame."""

@@ -20,7 +20,7 @@ from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
 from trocar.tasks.peg_transfer.agents.table import Table
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, begin, finish, withdraw
-from trocar.tasks.peg_transfer.goals import PAIRS, TransferOutcome
+from trocar.tasks.peg_transfer.goals import PAIRS, Transfer, TransferOutcome
 
 LEFT_GOALS = frozenset(left for left, _ in PAIRS)
 AGAIN = (TransferOutcome.BLOCKED, TransferOutcome.NOT_GRASPED, TransferOutcome.DROPPED)
@@ -88,7 +88,7 @@ class Bilateral(TwoArms):
 
 
 class Handover(TwoArms):
-    """Each arm has a list of jobs: give or receive. The next block is picked while the previous one is placed."""
+    """Each arm gives or receives every block; the next one is picked while the previous one is placed."""
 
     def __init__(self, context: AgentContext):
         super().__init__(context)
@@ -96,6 +96,7 @@ class Handover(TwoArms):
         giver = {goal: self.right if x_m[goal.target] < x_m[goal.source] else self.left for goal in self.goals}
         self.appointments = [[HandoverState(goal, giver[goal].name) for _ in rounds] for goal in self.goals]
         self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
+        self._chosen: list[trio.Event] = []
         if self.goals:
             self.looks = [partial(self.scripts[giver[self.goals[0]].name].look_first, self.goals)]
 
@@ -104,7 +105,9 @@ class Handover(TwoArms):
         script, other = self.scripts[arm.name], self.left if arm is self.right else self.right
         giver, receiver = Giver(arm, other, script), Receiver(arm, other, script)
         working = True
-        for rounds, following in zip(self.appointments, [*self.appointments[1:], [None]], strict=True):
+        for number in range(len(self.goals)):
+            rounds = await self._appointment(number)
+            following = await self._appointment(number + 1) if number + 1 < len(self.goals) else [None]
             gives, ended = rounds[0].giver == arm.name, rounds[-1]
             turns, begin_s = rounds[0].turns, self.cell.clock.now_s()
             turns[arm.name] = (begin_s, inf)
@@ -125,6 +128,28 @@ class Handover(TwoArms):
                 now_s = turns[arm.name][1]
                 until_now = {name: (start_s, min(end_s, now_s)) for name, (start_s, end_s) in turns.items()}
                 script.note(ended.goal, rounds[0].start_s, outcome, ended.reason, until_now)
+
+    async def _appointment(self, number: int) -> list[HandoverState]:
+        """Return the meetings for a transfer in order; which one it is, a person may choose.
+
+        The one after the present is chosen as well, since the arm that gives goes on to it without a stop.
+        """
+        if number < len(self._chosen):  # by the other arm
+            if not self._chosen[number].is_set():
+                await self._chosen[number].wait()
+            return self.appointments[number]
+        self._chosen.append(trio.Event())
+        left = self.appointments[number:]
+        giver = {rounds[0].goal: rounds[0].giver for rounds in left}
+        then = "then " if number else ""
+
+        def told(goal: Transfer) -> tuple[str, str]:
+            return giver[goal], f"{then}hands over the block on peg {goal.source}, for peg {goal.target}"
+
+        chosen = await self.table.choose([rounds[0].goal for rounds in left], told)
+        self.appointments.insert(number, self.appointments.pop(number + chosen))
+        self._chosen[number].set()
+        return self.appointments[number]
 
     async def _done(self, arm: PegArm, job: Callable[[trio.Nursery], Awaitable[None]], meeting: HandoverState) -> bool:
         """Do an arm's part of a meeting; return whether both arms can go on."""

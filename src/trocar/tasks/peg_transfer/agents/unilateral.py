@@ -97,19 +97,21 @@ class OneArm:
     Attributes:
         arm: the arm and its actions.
         table: board and blocks, as last seen.
-        goals: its transfers.
+        goals: its transfers, in the order in which they are done.
         beside: whether another arm works here too, with which this one keeps pace.
         seen: the next block, if it was looked at beforehand.
     """
 
     def __init__(self, arm: PegArm, goals: Sequence[Transfer], beside: bool):
-        self.arm, self.table, self.goals, self.beside = arm, arm.table, goals, beside
+        self.arm, self.table, self.goals, self.beside = arm, arm.table, [*goals], beside
         self.cell, self.settings = arm.cell, arm.settings
         self.seen: Pending[Seen] = Pending()
 
     async def transfer_all(self) -> None:
         """Do all transfers; if the arm stops, note the rest as failed."""
         for number in range(len(self.goals)):
+            chosen = await self.table.choose(self.goals[number:], self._told)
+            self.goals.insert(number, self.goals.pop(number + chosen))
             start_s = self.cell.clock.now_s()
             reason = ""
             try:
@@ -127,6 +129,9 @@ class OneArm:
                 for goal in self.goals[number + 1 :]:
                     self.note(goal, self.cell.clock.now_s(), TransferOutcome.ARM_STOPPED, reason)
                 return
+
+    def _told(self, goal: Transfer) -> tuple[str, str]:
+        return self.arm.name, f"brings the block on peg {goal.source} to peg {goal.target}"
 
     def note(
         self,

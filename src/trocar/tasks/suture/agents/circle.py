@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
-from trocar.cell import Cell
+from trocar.cell import Cell, GoalOffer
 from trocar.errors import InvalidInput, MotionRefused
 from trocar.eval import AgentContext
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.lost_needle import drive_on
 from trocar.tasks.suture.agents.needle_tracker import Aim, NeedleTracker, Stretch, stretches
+from trocar.tasks.suture.agents.paths import along, run_up
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
 from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
@@ -24,20 +22,13 @@ from trocar.tasks.suture.planning.segments import (
     JAW_CLOSED_RAD,
     Segment,
     cut_short,
-    minimum_jerk,
     ranges,
     retreat,
     suture_segments,
 )
-from trocar.trajectory import Trajectory
 
-KNOT_S = 0.020
-"""Spacing of a motion's knots: two control periods."""
 JOINED = 1e-3
 """A segment that starts within this distance (rad, m) of the arm's position continues from there."""
-RUN_UP_M = 1.0e-3
-"""A corrected start of a path is approached from this far behind it, along the path, so that the outer joints have
-taken up their play in the direction of the motion."""
 ENOUGH_M = 0.2e-3
 """If the needle's tip is estimated to be this close to its target, the arm does not move it and look again. The
 threshold is multiplied by the number of looks so far, because each move disturbs the cables again, by some .6 mm."""
@@ -138,7 +129,10 @@ class CircleSuturing:
     async def run(self) -> None:
         """Drive the sutures one after the other; if the plan itself leaves a joint's range, stop there for good."""
         await self.begin()
-        for number, suture in enumerate(self.sutures):
+        left = list(enumerate(self.sutures))
+        while left:
+            offered = left[:1] if self.pulls else left  # the second arm holds out the needle as the next suture needs
+            number, suture = left.pop(await self.cell.choose([self._offer(*one) for one in offered]))
             start_s = self.clock.now_s()
             outcome, reason, stops = await self._suture(number, suture)
             if not stops:
@@ -155,6 +149,11 @@ class CircleSuturing:
             if stops:
                 self.log.event("stopped", outcome=outcome.name, reason=reason)
                 return
+
+    def _offer(self, number: int, suture: Suture) -> GoalOffer:
+        """Return what a person is told of a suture that may be next."""
+        path_m = suture.setup.circle.T_world_circle.apply(suture.needle_path_m)
+        return GoalOffer(self.hand.name, f"drives suture {number + 1}, {suture}", path_m)
 
     async def go_home(self) -> None:
         """Go to where the arm began, in nobody's way."""
@@ -374,20 +373,3 @@ class CircleSuturing:
 def missed(number: int, why: str) -> End:
     """Return the end of a suture whose needle the jaws did not get."""
     return End(SutureOutcome.NEEDLE_MISSED, f"suture {number + 1}: {why}")
-
-
-def run_up(q: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:
-    """Return joints (6,) that are ``RUN_UP_M`` behind the start of a path (k, 6) of this length."""
-    place = min(len(q) - 1, max(1, round(RUN_UP_M / length_m * (len(q) - 1))))
-    return q[0] - (q[place] - q[0])
-
-
-def along(q: NDArray[np.float64], seconds: float) -> Trajectory:
-    """Return the minimum-jerk motion from rest to rest through a dense joint path (k, 6), k > 1."""
-    count = max(2, math.ceil(seconds / KNOT_S))
-    times = np.linspace(0.0, max(seconds, count * 1e-3), count + 1)
-    tau = times / times[-1]
-    share = minimum_jerk(tau)
-    rate = 30 * tau**2 * (1 - tau) ** 2 / times[-1]
-    path = CubicSpline(np.linspace(0.0, 1.0, len(q)), q)
-    return Trajectory.hermite(times, path(share), rate[:, None] * path(share, 1))

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from trocar.cell import Cell
 from trocar.errors import MotionRefused, TooNear
 from trocar.robots.arm_script import ArmScript
-from trocar.tasks.suture.agents.circle import JOINED, Settings, along
+from trocar.tasks.suture.agents.circle import JOINED, Settings
 from trocar.tasks.suture.agents.lost_needle import grip_from, places_on_arc
 from trocar.tasks.suture.agents.needle_estimator import NeedleEstimate
 from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
+from trocar.tasks.suture.agents.paths import along
 from trocar.tasks.suture.planning.handover import Handover
 from trocar.tasks.suture.planning.pull import Grip, Pull, grip_segments, out_segments, reach_segment
 from trocar.tasks.suture.planning.segments import Segment
