@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.geometry import SE3
 from trocar.log import Result
 from trocar.perception.image import CameraModel, Image, StereoWindow, Window
@@ -296,6 +296,14 @@ class Cell:
 
         A script calls it when it holds nothing and is about to begin a goal, with its first choice first. Without a
         person it returns at once.
+
+        Raises:
+            InvalidInput: no goal is offered, or one for an arm that the cell does not have.
         """
+        if not goals:
+            raise InvalidInput("a choice of goals", "offers none", "offer at least one")
+        for goal in goals:
+            if goal.arm not in self.arms:
+                raise UnknownName("the arm of a goal", goal.arm, self.arms)
         person = self.assistants.get(SEAT)
         return 0 if person is None else await person.choose(goals)
