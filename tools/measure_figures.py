@@ -1,7 +1,8 @@
 """Running a measurement's command and keeping what the docs need of its output.
 
 If a measurement consists of trials, its first sessions are run again first. If they are the same to the last bit, the
-changes of the code do not affect the figures, and these are carried over.
+changes of the code do not affect the figures, and these are carried over. The last bits also depend on the machine, so
+on another one than the record's, the sessions are run with the code of the record, too.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from declared_figures import Measurement, Record, write_record
-from source_age import commit_of, digest_of
+from source_age import commit_of, digest_of, unpack
 from trocar.errors import TrocarError
 from trocar.eval.trial import FORMAT, VERSION
 from trocar.files.archive import read_archive
@@ -56,22 +57,39 @@ def measure(root: Path, measurement: Measurement, jobs: int, before: Record | No
     words = measurement.run_with.format(folder=folder, jobs=jobs)
 
     def run(command: str) -> str:
-        answer = _run(root, f"{command} {words}".strip())
+        answer = _run(root, f"{command} {words}")
         if digest_of(root, measurement.sources) != digest:
             raise TrocarError(f"the sources of {measurement.name} have changed while it was measured; measure it again")
         return answer
 
     record = None
     if before and before.trials and before.digest != digest and before.command == measurement.command:
-        run(SESSIONS.sub(f"--sessions {FIRST}", measurement.command))
-        if first_trials(root / folder) == before.trials:
-            record = replace(before, digest=digest, same_at=commit, older=False)
+        first = SESSIONS.sub(f"--sessions {FIRST}", measurement.command)
+        run(first)
+        trials = first_trials(root / folder)
+        if trials == before.trials or trials == trials_then(root, measurement, before, f"{first} {words}", folder):
+            record = replace(before, digest=digest, same_at=commit, older=False, trials=trials)
     if record is None:
         values = read_answer(measurement, run(measurement.command))
         today = datetime.datetime.now(datetime.UTC).date().isoformat()
         record = Record(measurement.command, commit, values, today, digest, trials=first_trials(root / folder))
     write_record(root, measurement.name, record)
     return record
+
+
+def trials_then(root: Path, measurement: Measurement, before: Record, line: str, folder: Path) -> dict[str, str] | None:
+    """Return the digests of the first trials that the code of a record makes on this machine.
+
+    Returns None if git does not have that code.
+
+    Raises:
+        TrocarError: the command ends with an error.
+    """
+    code = root / "out" / "figures" / f"code-{before.digest[:8]}"
+    if not unpack(root, before.same_at or before.commit, code) or digest_of(code, measurement.sources) != before.digest:
+        return None
+    _run(code, line)
+    return first_trials(code / folder)
 
 
 def first_trials(folder: Path) -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import io
+import shutil
 import subprocess
 import tokenize
 from collections.abc import Sequence
@@ -55,6 +56,19 @@ def commit_of(root: Path, sources: Sequence[str]) -> str:
         names = ", ".join(line[3:] for line in changed.splitlines()[:SHOWN])
         raise TrocarError(f"{names} is not committed, so that nobody could tell what was measured; commit first")
     return commit.strip()
+
+
+def unpack(root: Path, commit: str, folder: Path) -> bool:
+    """Write the files of a commit into a folder, unless it is there; return whether git has the commit."""
+    if folder.is_dir():
+        return True
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    archive = folder.with_suffix(".tar")
+    if _git(root, "archive", f"--output={archive}", commit) is None:
+        return False
+    shutil.unpack_archive(archive, folder, filter="data")
+    archive.unlink()
+    return True
 
 
 def why_older(root: Path, measurement: Measurement, record: Record) -> str:
