@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import math
 import multiprocessing
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import trio
 
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
-from trocar.errors import ArmMoving, ArmStopped, TrocarError, UnknownName
+from trocar.errors import ArmMoving, TrocarError, UnknownName
 from trocar.hardware.arm import PASSING, ArmFault, Connect, DrivenArm, Fault, LoopSettings
-from trocar.hardware.jobs import Job
+from trocar.hardware.jobs import Job, Jobs
 from trocar.hardware.loop import serve
-from trocar.hardware.messages import Alive, ArmReport, Clear, Close, EmergencyStop, Jaw, Reason, Report, Start, Stop
+from trocar.hardware.messages import Alive, ArmReport, Clear, Close, EmergencyStop, Jaw, Report, Start, Stop
 from trocar.robots.driver import JAW_REST_S
-from trocar.robots.executor import Ending
 from trocar.trajectory import Trajectory
 
 CONNECT_S = 20.0
@@ -67,13 +64,7 @@ class HardwareRobot:
         record: Callable[[Report], None] = lambda report: None,
     ):
         self.settings, self.origin_s = settings or LoopSettings(), 0.0
-        self._note, self._record, self._keys = note, record, itertools.count()
-        self._jobs: dict[int, Job] = {}
-        self._reasons: dict[int, TrocarError | str] = {}
-        self._rows: deque[Report] = deque()
-        self._row = 0  # number of the first report in _rows
-        self._motions: dict[str, tuple[Trajectory, float]] = {}
-        self._braking: set[str] = set()
+        self._note, self._record, self._jobs = note, record, Jobs()
         self._gone: ArmFault | None = None
         self.refused: ArmFault | None = None
         self._refuses = trio.Event()
@@ -130,7 +121,7 @@ class HardwareRobot:
     def setpoint(self, arm: str) -> SetPoint:
         """Return the present set-point at rest; in motion, the one where a motion that takes over must start."""
         now, time_s = self.report(arm).setpoint, self._time_s(self._report.clock_s)
-        job = next((job for job in reversed(self._jobs.values()) if arm in job.motions and arm in job.arms), None)
+        job = self._jobs.latest(arm)
         if job is not None and job.at_tick is not None and job.at_tick >= self._report.tick:
             # not begun yet: the next motion of a stream takes over from this one, without waiting for its start
             ticks = self._report.tick + self.settings.lead_ticks - job.at_tick
@@ -141,14 +132,14 @@ class HardwareRobot:
 
     def remaining(self, arm: str, /) -> tuple[Trajectory, float] | None:
         """Return the motion that an arm is executing and the cell's time at its start; None at rest."""
-        if not self.setpoint(arm).moving or arm not in self._motions:
+        if not self.setpoint(arm).moving or arm not in self._jobs.executing:
             return None
-        motion, start_s = self._motions[arm]
+        motion, start_s = self._jobs.executing[arm]
         return motion, self._time_s(start_s)
 
     def braking(self, arm: str, /) -> bool:
         """Return whether an arm is coming to rest before the end of its motion."""
-        return arm in self._braking
+        return arm in self._jobs.braking
 
     def widest_jaw_rad(self, arm: str, /) -> float:
         """Return the widest opening of an arm's jaws from now until they reach their goal."""
@@ -173,58 +164,43 @@ class HardwareRobot:
         """Do nothing: trajectories are executed as they are."""
 
     async def _run(self, motions: Mapping[str, Trajectory], at_tick: int | None) -> Mapping[str, MotionResult]:
-        key, job = self._begin(motions, motions, at_tick)
         start_tick = self._report.tick if at_tick is None else at_tick
-        began = {name: (motion, start_tick * self.settings.tick_s) for name, motion in motions.items()}
-        self._send(Start(key, dict(motions), at_tick))
-        job.before = {name: self._motions.get(name) for name in motions}
-        self._motions |= began
+        job = self._jobs.begin(motions, motions, at_tick, start_tick * self.settings.tick_s)
+        self._send(Start(job.key, dict(motions), at_tick))
         try:
             await job.over.wait()
         except trio.Cancelled:
             with trio.CancelScope(shield=True):
-                await self._stopped(job, began)
+                await self._stopped(job)
             raise
         if job.refusal is not None:
             raise job.refusal
         return {name: job.result(name, self.origin_s) for name in motions}
 
-    async def _stopped(self, job: Job, began: Mapping[str, tuple[Trajectory, float]]) -> None:
+    async def _stopped(self, job: Job) -> None:
         """Brake the motions of a cancelled call; return when they have ended.
 
         A motion that another one is to replace is left alone, but told to brake if that other one is refused.
         """
         told: set[str] = set()
         while not job.over.is_set():
-            mine = {name for name in job.arms if self._motions.get(name) is began[name]} - told
+            mine = {name for name in job.arms if self._jobs.executing.get(name) is job.began[name]} - told
             if mine:
                 self._stop(tuple(sorted(mine)), MotionEnd.CANCELLED)
                 told |= mine
             with trio.move_on_after(self.settings.tick_s):
                 await job.over.wait()
 
-    def _restore(self, job: Job) -> None:
-        """Note that motions were refused: the motions that they were to replace go on."""
-        for name, before in job.before.items():
-            for other in self._jobs.values():
-                then = other.before.get(name)
-                if then is not None and then[0] is job.motions[name]:
-                    other.before[name] = before
-            now = self._motions.get(name)
-            if now is not None and now[0] is job.motions[name]:
-                self._motions.pop(name)
-                self._motions |= {} if before is None else {name: before}
-
     async def jaw(self, arm: str, angle_rad: float) -> MotionResult:
         """Ramp the jaws to this opening at their speed; return when they have arrived or stalled."""
         before_rad, way_rad = self.read(arm).jaw_rad, abs(angle_rad - float(self.report(arm).sent[6]))
-        key, job = self._begin([arm])
-        self._send(Jaw(key, arm, angle_rad))
+        job = self._jobs.begin([arm])
+        self._send(Jaw(job.key, arm, angle_rad))
         try:
             await job.over.wait()
         except trio.Cancelled:
-            if key in self._jobs:
-                self._send(Jaw(next(self._keys), arm, None))
+            if not job.over.is_set():
+                self._send(Jaw(job.key, arm, None))
             raise
         if job.endings[arm].ended is MotionEnd.DONE:
             await self._jaws_still(arm, before_rad if way_rad > MOVED_RAD else math.inf)
@@ -248,21 +224,13 @@ class HardwareRobot:
                     return
             await trio.sleep(self.settings.tick_s)
 
-    def _begin(
-        self, arms: Iterable[str], motions: Mapping[str, Trajectory] | None = None, at_tick: int | None = None
-    ) -> tuple[int, Job]:
-        key, job = next(self._keys), Job(set(arms), self._row + len(self._rows), dict(motions or {}), at_tick)
-        self._jobs[key] = job
-        return key, job
-
     def _send(self, message: object) -> None:
+        """Tell the loop; if it is gone, end every script's wait."""
         if self._gone is None:
-            try:
+            with contextlib.suppress(OSError):
                 self._say.send(message)
                 return
-            except OSError:
-                self._abandon()
-        self._end_jobs()
+        self._abandon()
 
     def hold(self, *arms: str, reason: TrocarError | str = "") -> None:
         """Bring these arms, or all, to rest on their paths; their jaws stop too."""
@@ -275,9 +243,7 @@ class HardwareRobot:
         self._stop(arms, MotionEnd.FAULT, reason)
 
     def _stop(self, arms: tuple[str, ...], ended: MotionEnd, reason: TrocarError | str = "") -> None:
-        key = next(self._keys)
-        self._reasons[key] = reason
-        self._send(Stop(arms, ended, Reason(key)))
+        self._send(Stop(arms, ended, self._jobs.reason(reason)))
 
     def emergency_stop(self, reason: str = "") -> None:
         """Brake every arm; none moves again until its faults are cleared."""
@@ -323,8 +289,7 @@ class HardwareRobot:
         try:
             return self._told.recv() if self._told.poll() else None
         except (EOFError, OSError):
-            self._abandon()
-            raise self._gone from None  # type: ignore[misc]
+            raise self._abandon() from None
 
     async def _live(self) -> None:
         """Send signs of life, and watch for the loop's.
@@ -339,9 +304,7 @@ class HardwareRobot:
             tick = self._report.tick
             if silent_s > SILENT_S:
                 self._process.kill()  # it receives nothing, and would go on sending when that call returns
-                self._abandon(f"it has told nothing for {silent_s:.1f} s: a call of its driver does not return")
-                assert self._gone is not None
-                raise self._gone
+                raise self._abandon(f"it has told nothing for {silent_s:.1f} s: a call of its driver does not return")
 
     async def fresh(self) -> None:
         """Return when a report later than this call, and all before it, are processed."""
@@ -351,63 +314,25 @@ class HardwareRobot:
 
     def _take(self, report: Report) -> None:
         self._report: Report = report
-        self._rows.append(report)
         for fault in report.faults:
             if fault.fault not in PASSING:
                 self.refused = fault
                 self._refuses.set()
-        for name, arm in report.arms.items():
-            if arm.braking is not None:
-                self._braking.add(name)
-                self._motions[name] = arm.braking
-            elif not arm.setpoint.moving:
-                self._braking.discard(name)
-        for key, refusal in report.refused:
-            if key in self._jobs:
-                self._jobs[key].refusal = self._reason(next(iter(self._jobs[key].motions)), MotionEnd.HELD, refusal)
-                refused = self._jobs.pop(key)
-                self._restore(refused)
-                refused.over.set()
-        for key, name, ending in report.over:
-            if key in self._jobs:
-                self._end(key, name, ending)
-        oldest = min((job.first for job in self._jobs.values()), default=self._row + len(self._rows))
-        while self._row < oldest:
-            self._rows.popleft()
-            self._row += 1
+        self._jobs.take(report)
         self._record(report)
         for fault in report.faults:  # last: whoever is told may raise
             self._note_fault(fault)
 
-    def _end(self, key: int, name: str, ending: Ending) -> None:
-        job = self._jobs[key]
-        if isinstance(ending.cause, Reason):
-            ending = Ending(ending.ended, self._reason(name, ending.ended, ending.cause))
-        if job.end(name, ending, itertools.islice(self._rows, max(0, job.first - self._row), None)):
-            self._jobs.pop(key).over.set()
-
-    def _reason(self, arm: str, ended: MotionEnd, error: TrocarError) -> TrocarError:
-        """Return the error that a stop was given, in place of its stand-in."""
-        if not isinstance(error, Reason):
-            return error
-        given = self._reasons[error.key]
-        return given if isinstance(given, TrocarError) else ArmStopped(arm, given or ended.value)
-
     def _note_fault(self, fault: ArmFault) -> None:
         self._note("fault", arm=fault.arm, fault=fault.fault.name.lower(), reason=str(fault))
 
-    def _abandon(self, detail: str = "") -> None:
-        """End every script's wait, now and later: the loop is gone."""
-        if self._gone is None:
-            self._gone = ArmFault(self.names[0], Fault.GONE, detail)
-            self._end_jobs()
+    def _abandon(self, detail: str = "") -> ArmFault:
+        """End every script's wait, now and later: the loop is gone. Return this fault, which is noted once."""
+        known, self._gone = self._gone, self._gone or ArmFault(self.names[0], Fault.GONE, detail)
+        self._jobs.end(self._gone)
+        if known is None:
             self._note_fault(self._gone)
-        self._end_jobs()
-
-    def _end_jobs(self) -> None:
-        for key, job in list(self._jobs.items()):
-            for name in list(job.arms):
-                self._end(key, name, Ending(MotionEnd.FAULT, self._gone))
+        return self._gone
 
     def close(self, timeout_s: float = 10.0) -> None:
         """Bring the arms to rest, leave them holding, process the last reports, and end the loop's process."""
