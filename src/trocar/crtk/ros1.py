@@ -9,8 +9,10 @@ from collections import deque
 from collections.abc import Hashable
 from dataclasses import fields, is_dataclass
 from functools import cache
+from http.client import HTTPException
 from typing import Any, TypeVar, Unpack
 from urllib.parse import urlsplit
+from xmlrpc.client import Error as XmlError
 
 from trocar.crtk.bus import KEPT_UNREAD, Client, Endpoint, Keeping, Publisher, Subscriber
 from trocar.crtk.messages import Time, ros_name
@@ -39,6 +41,8 @@ DEFINITIONS = {
 """Messages of crtk_msgs 1.3 and cisst_msgs 4.0, which are not packaged; their checksums follow from these texts."""
 BUFFER = 1 << 24
 """Bytes that rospy reads at once: an image in one piece."""
+UNANSWERED = (rosgraph.MasterException, OSError, HTTPException, XmlError)
+"""What a call of the master raises if it knows no answer, has ended, or is something else."""
 Message = TypeVar("Message")
 
 
@@ -53,6 +57,7 @@ class Ros1Bus:
     """
 
     def __init__(self, topics: Topics):
+        self._master = topics.master
         _node(topics.interface, topics.master)
 
     def publisher(self, topic: str, kind: type[Message], **keeping: Unpack[Keeping]) -> Publisher[Message]:
@@ -69,10 +74,17 @@ class Ros1Bus:
         return _Subscriber(topic, kind, kept)
 
     def endpoints(self) -> list[Endpoint]:
-        """Return all publishers and subscribers that the master knows."""
+        """Return all publishers and subscribers that the master knows.
+
+        Raises:
+            InvalidInput: the master has ended.
+        """
         master = rosgraph.Master("/trocar")
-        publishers, subscribers, _ = master.getSystemState()
-        kinds = dict(master.getTopicTypes())
+        try:
+            publishers, subscribers, _ = master.getSystemState()
+            kinds = dict(master.getTopicTypes())
+        except UNANSWERED:
+            raise _silent(self._master, "does not answer any more", "start roscore and the robot again") from None
         return [
             Endpoint(topic, kinds.get(topic, ""), publishes, self.client(node))
             for publishes, topics in ((True, publishers), (False, subscribers))
@@ -84,7 +96,7 @@ class Ros1Bus:
         """Return who one of a subscriber's ``sent_by`` is."""
         try:
             address = urlsplit(rosgraph.Master("/trocar").lookupNode(str(sender))).hostname
-        except rosgraph.MasterException:  # it has gone
+        except UNANSWERED:  # the sender or the master has gone
             address = None
         return Client(str(sender), (address,) if address else ())
 
@@ -94,8 +106,12 @@ def _node(interface: str, master: str) -> None:
     """Make this process a node: ROS 1 allows one per process."""
     os.environ |= {"ROS_MASTER_URI": master, "ROS_HOSTNAME": interface, "ROS_IP": interface}
     if not rosgraph.is_master_online():
-        raise InvalidInput(f"the ROS 1 master at {master}", "does not answer", "start roscore, or name another")
+        raise _silent(master, "does not answer", "start roscore, or name another")
     rospy.init_node("trocar", anonymous=True, disable_signals=True, disable_rostime=True, disable_rosout=True)
+
+
+def _silent(master: str, problem: str, remedy: str) -> InvalidInput:
+    return InvalidInput(f"the ROS 1 master at {master}", problem, remedy)
 
 
 @cache
