@@ -45,7 +45,9 @@ def loop_settings(topics: Topics) -> LoopSettings:
         if name not in kinds:
             raise UnknownName("the station's crtk.loop: setting", name, kinds)
     usual: dict[str, Any] = {"tick_s": RAVEN_TICK_S} if topics.dialect is Dialect.RAVEN else {}
-    return LoopSettings(**usual | {name: kinds[name](value) for name, value in topics.loop.items()})
+    for name, value in topics.loop.items():  # numbers of a station's file are floats
+        usual[name] = int(value) if kinds[name] is int and float(value).is_integer() else value
+    return LoopSettings(**usual)
 
 
 def where(station: Station, arm: str) -> str:

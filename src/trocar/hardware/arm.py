@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -11,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
-from trocar.errors import ArmStopped, InvalidInput, InvalidValue
-from trocar.hardware.priority import PRIORITY
+from trocar.errors import ArmStopped, InvalidValue
+from trocar.hardware.priority import HIGHEST, PRIORITY
 from trocar.robots.driver import TICK_S
 
 
@@ -76,7 +77,7 @@ class LoopSettings:
         following_rad: fault if a revolute joint reads further than this from every set-point of the last ``lag_s``.
         following_m: likewise for a prismatic joint.
         watchdog_s: arms brake if the scripts' process gives no sign of life for this long.
-        priority: of the loop under Linux's real-time scheduler, where permitted; 0: ordinary.
+        priority: of the loop under Linux's real-time scheduler, where permitted, up to 99; 0: ordinary.
     """
 
     tick_s: float = TICK_S
@@ -94,10 +95,13 @@ class LoopSettings:
         if not 0.001 <= self.tick_s <= 0.1:
             raise InvalidValue("the period of a hardware loop", f"{self.tick_s} s", "give .001 s (1 kHz) to .1 s")
         for name in ("max_stall_s", "stale_s", "lag_s", "following_rad", "following_m", "watchdog_s"):
-            if not getattr(self, name) > 0:
-                raise InvalidValue(f"{name} of a hardware loop", getattr(self, name), "give more than 0")
-        if self.lead_ticks < 1 or self.max_late < 0:
-            raise InvalidInput("a hardware loop", "needs lead_ticks of 1 or more, and max_late of 0 or more")
+            if not 0 < getattr(self, name) < math.inf:
+                raise InvalidValue(f"{name} of a hardware loop", getattr(self, name), "give a finite number above 0")
+        for name, least, most in (("lead_ticks", 1, math.inf), ("max_late", 0, math.inf), ("priority", 0, HIGHEST)):
+            value = getattr(self, name)
+            if not (isinstance(value, int | np.integer) and least <= value <= most):
+                bounds = f"{least} to {most}" if most < math.inf else f"{least} or more"
+                raise InvalidValue(f"{name} of a hardware loop", value, f"give a whole number, {bounds}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 PRIORITY = 10
 """Under Linux's real-time scheduler: above ordinary processes, below the system's own threads there."""
+HIGHEST = 99
 THREADS = Path("/proc/self/task")
 
 
@@ -19,7 +20,7 @@ def ahead_of_others(priority: int = PRIORITY) -> Iterator[bool]:
     Nothing changes where this is not permitted (it takes root, or an ``rtprio`` limit) or there is no such scheduler.
 
     Args:
-        priority: from 1 to 99; 0: change nothing.
+        priority: from 1 to ``HIGHEST``; 0: change nothing.
     """
     permitted = priority > 0 and hasattr(os, "sched_setscheduler") and _schedule(os.SCHED_FIFO, priority)
     try:
