@@ -115,6 +115,18 @@ def test_a_line_of_other_text_in_the_list_of_episodes_does_not_matter(exported, 
     assert read_episode(folder, 1).frames == 91
 
 
+def test_a_column_of_another_kind_is_told_as_such(folder):
+    changed_table(folder, lambda t: with_column(t, "episode_index", pa.array(["1"] * 91)))
+    with pytest.raises(TrocarError, match=r"a column 'episode_index' of type string, which must be whole numbers"):
+        read_episode(folder, 1)
+    for listed in (folder / "meta").rglob("file-*.parquet"):
+        table = pq.read_table(listed)
+        key = "data/file_index"
+        pq.write_table(with_column(table, key, pa.array(["0"] * len(table))), listed)
+        with pytest.raises(TrocarError, match=rf"{listed.name}' has a column '{key}' of type string, which must be"):
+            read_episode(folder, 1)
+
+
 @pytest.mark.parametrize("kept", [0, 4, 1000, -20])
 def test_a_cut_file_is_told(folder, kept):
     path = sorted((folder / "data").rglob("*.parquet"))[0]

@@ -162,10 +162,19 @@ def _rows(path: Path, number: int, columns: list[str] | None = None) -> pa.Table
     if not path.is_file():
         raise BadFile(path, "is missing", "fetch the data set again")
     try:
-        has = pq.read_schema(path).names
-        for name in columns or ["episode_index"]:
-            if name not in has:
-                raise BadFile(path, f"lacks the column {name!r} (it has {', '.join(has)})", "fetch the data set again")
+        has = pq.read_schema(path)
+    except (pa.ArrowException, OSError, EOFError):
+        raise BadFile(path, CUT, "fetch the data set again") from None
+    for name in columns or ["episode_index"]:
+        if name not in has.names:
+            raise BadFile(
+                path, f"lacks the column {name!r} (it has {', '.join(has.names)})", "fetch the data set again"
+            )
+        kind = has.field(name).type
+        if not pa.types.is_integer(kind):
+            problem = f"has a column {name!r} of type {kind}, which must be whole numbers"
+            raise BadFile(path, problem, "correct it, or fetch the data set again")
+    try:
         rows = [("episode_index", "=", number)]
         return pq.read_table(path, columns=columns, filters=rows, partitioning=None)  # type: ignore[arg-type]
     except (pa.ArrowException, OSError, EOFError):
