@@ -92,6 +92,12 @@ def test_a_policy_that_fails_is_a_sentence(file, name, said):
         ("nowhere", "does not exist"),
         ("nowhere:act", "cannot be loaded: ModuleNotFoundError"),
         ("tcp://nobody", "is no address"),
+        ("tcp://127.0.0.1:0", "is no address; give tcp://HOST:PORT, with a port of 1 to 65535"),
+        ("tcp://127.0.0.1:70000", "is no address"),
+        ("tcp://127.0.0.1:\u00b2", "is no address"),
+        ("tcp://127.0.0.1:5/act", "is no address"),
+        ("tcp://[::1:5", "is no address"),
+        ("tcp://a..b:5", "does not answer"),
         ("tcp://127.0.0.1:1", "does not answer"),
         ("{file}:missing", "has no missing"),
         ("{file}:number", "is 3; give a function"),
@@ -107,9 +113,9 @@ def test_a_folder_without_a_policy_is_refused(tmp_path):
         policy_digest(str(tmp_path))
 
 
-def serve(answers):
+def serve(answers, address="127.0.0.1"):
     """Answer one client, line by line; return the port and what it said."""
-    server, heard = socket.create_server(("127.0.0.1", 0)), []
+    server, heard = socket.create_server((address, 0), family=socket.getaddrinfo(address, 0)[0][0]), []
 
     def run():
         link = server.accept()[0]
@@ -136,6 +142,15 @@ def test_a_server_is_asked_line_by_line():
     assert heard[0] == {"reset": True}
     assert heard[1]["observation"]["state"] == [0.0] * 8
     assert heard[1]["observation"]["images.overhead"]["shape"] == [2, 3, 3]
+
+
+def test_a_server_is_found_by_ipv6():
+    try:
+        port, _ = serve([b'{"action": [1, 2]}'], "::1")
+    except OSError:
+        pytest.skip("this machine has no IPv6")
+    with load_policy(f"tcp://[::1]:{port}") as ask:
+        assert ask(SEEN) == [1, 2]
 
 
 def test_a_server_whose_answer_never_ends_is_not_waited_for():

@@ -10,10 +10,11 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def load_policy(policy: str, digest: str = "", timeout_s: float = 10.0) -> Itera
     Args:
         policy: ``DIR`` with a ``policy.py`` whose ``make(folder)`` returns the policy; ``FILE.py:name`` or
             ``module:name`` of a function of an observation, or of a class whose instances are such functions; or
-            ``tcp://HOST:PORT`` of a server. The server reads one JSON object per line,
+            ``tcp://HOST:PORT`` of a server (``tcp://[::1]:PORT`` by IPv6). The server reads one JSON object per line,
             ``{"observation": {name: numbers}}`` (images as ``{"shape": [...], "data": base64}``), and answers
             ``{"action": [...]}``, or ``{"action": null}`` when done. ``{"reset": true}`` begins a trial; it does not
             answer that.
@@ -151,12 +152,10 @@ class _Worker:
 @contextmanager
 def _served(policy: str, timeout_s: float) -> Iterator[Policy]:
     """Connect to a policy's server."""
-    host, colon, port = policy.removeprefix(SERVER).rpartition(":")
-    if not (host and colon and port.isdigit()):
-        raise InvalidInput(f"policy {policy!r}", "is no address", "give tcp://HOST:PORT")
+    host, port = _address(policy)
     try:
-        link = socket.create_connection((host, int(port)), timeout_s)
-    except OSError as error:
+        link = socket.create_connection((host, port), timeout_s)
+    except (OSError, UnicodeError) as error:
         raise InvalidInput(f"policy {policy!r}", f"does not answer: {error}", "start its server") from None
     unread = b""
     with link:
@@ -197,6 +196,15 @@ def _served(policy: str, timeout_s: float) -> Iterator[Policy]:
 
         say({"reset": True})
         yield ask
+
+
+def _address(policy: str) -> tuple[str, int]:
+    """Return host and port of a policy's server; an address of IPv6 is in brackets."""
+    with suppress(ValueError):  # no port, or no closing bracket
+        parts = urlsplit(policy)
+        if parts.hostname and parts.port and parts.netloc == policy.removeprefix(SERVER):
+            return parts.hostname, parts.port
+    raise InvalidInput(f"policy {policy!r}", "is no address", "give tcp://HOST:PORT, with a port of 1 to 65535")
 
 
 def _plain(value: np.ndarray) -> Any:
