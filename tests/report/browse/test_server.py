@@ -182,6 +182,13 @@ def test_what_is_not_there_is_a_sentence_on_a_page(get, address, words):
     assert code == 404 and words in text and "All runs" in text
 
 
+def test_a_mistake_in_a_page_is_a_sentence_on_a_page_and_its_traceback_is_in_the_terminal(get, monkeypatch, capsys):
+    monkeypatch.setattr("trocar.report.browse.server.one_run_page", lambda run, others: {}["<peg 13>"])
+    code, text = refused(get, "/runs/other/")
+    assert code == 500 and "A mistake in Trocar or in a plugin (KeyError: '<peg 13>')" in text and "All runs" in text
+    assert "Traceback" in capsys.readouterr().err
+
+
 def test_only_this_machine_is_answered_under_its_own_name(get, served):
     assert served.address.startswith("http://127.0.0.1:")
     assert served._server.server_address[0] == "127.0.0.1"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
+import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from html import escape
@@ -163,6 +164,10 @@ class _Handler(BaseHTTPRequestHandler):
             return HTTPStatus.OK, found.encode(), POLICY
         except (TrocarError, OSError) as error:
             return HTTPStatus.NOT_FOUND, _refused(str(error)), POLICY
+        except Exception as error:
+            traceback.print_exc()
+            problem = f"a mistake in Trocar or in a plugin ({type(error).__name__}: {error}); the terminal says where"
+            return HTTPStatus.INTERNAL_SERVER_ERROR, _refused(problem), POLICY
 
     def _answer(self, status: HTTPStatus, body: bytes, policy: str) -> None:
         self.send_response(status)
