@@ -57,19 +57,26 @@ def with_delayed_jaws(name):
 
 
 class Stuck(EchoArm):
-    """An arm that hangs in ``read``, some ticks after it was connected."""
+    """An arm that hangs in ``read`` after so many readings, of which connecting takes the first."""
 
-    READS = 30
+    def __init__(self, reads):
+        super().__init__()
+        self.reads = reads
 
     def read(self):
-        self.READS -= 1
-        if self.READS < 0:
+        self.reads -= 1
+        if self.reads < 0:
             time.sleep(600.0)
         return super().read()
 
 
 def stuck(name):
-    return Stuck()
+    return Stuck(30)
+
+
+def stuck_at_once(name):
+    """Return an arm that hangs in the loop's first tick."""
+    return Stuck(1)
 
 
 def connect(name, log=None):

@@ -247,10 +247,21 @@ def test_jaws_that_are_told_to_stay_do_so_where_they_are_commanded_now():
     bench.say(Jaw(1, "a", 0.8))
     bench.tick(5)
     on_the_way = bench.loop.driver.jaw_command_rad("a")
-    bench.say(Jaw(2, "a", None))
+    bench.say(Jaw(1, "a", None))
+    assert bench.until_over(1).ended is MotionEnd.DONE
     bench.tick(20)
     assert 0.1 < on_the_way < 0.7
     assert bench.loop.driver.jaw_command_rad("a") == pytest.approx(on_the_way)
+
+
+def test_jaws_that_follow_another_command_do_not_stop_for_the_one_before():
+    bench = Bench()
+    bench.say(Jaw(1, "a", 0.8))
+    bench.tick(3)
+    bench.say(Jaw(2, "a", 0.2))
+    bench.say(Jaw(1, "a", None))
+    assert bench.until_over(2).ended is MotionEnd.DONE
+    assert bench.loop.driver.jaw_command_rad("a") == pytest.approx(0.2)
 
 
 def test_an_arm_that_is_elsewhere_than_its_controller_says_is_sent_nothing():
@@ -282,6 +293,25 @@ def test_a_loop_that_is_told_to_close_comes_to_rest_first():
     assert bench.until_over(1).ended is MotionEnd.HELD
     bench.tick()
     assert bench.loop.closed and max(bench.use()) <= 1.001
+
+
+def test_a_loop_that_closes_moves_nothing_any_more():
+    """It was ended by a signal, of which its script does not know."""
+    bench = on_its_way(30)
+    bench.say(Close())
+    bench.say(Jaw(2, "a", 0.8))
+    assert bench.until_over(2).cause.fault is Fault.GONE
+    bench.until_over(1)
+    bench.tick(2)
+    assert bench.loop.closed and bench.arms["a"].read().jaw_rad == pytest.approx(0.1)
+
+
+def test_arms_that_are_connected_are_closed_if_another_cannot_be():
+    arms, closed = {"a": EchoArm()}, []
+    arms["a"].close = lambda: closed.append("a")
+    with pytest.raises(KeyError, match="b"):
+        HardwareLoop(dict.fromkeys("ab", DrivenArm(ARM, PAPER)), arms.__getitem__, LoopSettings())
+    assert closed == ["a"]
 
 
 class InParts(EchoArm):
@@ -336,8 +366,20 @@ def test_a_set_point_beyond_the_limits_is_never_sent():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"tick_s": 0.0}, {"tick_s": 1.0}, {"stale_s": 0.0}, {"lead_ticks": 0}, {"watchdog_s": float("nan")}]
+    ("wrong", "says"),
+    [
+        ({"tick_s": 0.0}, "is 0.0 s; give .001 s"),
+        ({"tick_s": 1.0}, "is 1.0 s; give .001 s"),
+        ({"stale_s": 0.0}, "stale_s of a hardware loop is 0.0; give a finite number above 0"),
+        ({"watchdog_s": float("nan")}, "watchdog_s of a hardware loop is nan"),
+        ({"lag_s": float("inf")}, "lag_s of a hardware loop is inf; give a finite number above 0"),
+        ({"lead_ticks": 0}, "lead_ticks of a hardware loop is 0; give a whole number, 1 or more"),
+        ({"max_late": 2.5}, "max_late of a hardware loop is 2.5; give a whole number, 0 or more"),
+        ({"max_late": float("nan")}, "max_late of a hardware loop is nan; give a whole number"),
+        ({"priority": 100}, "priority of a hardware loop is 100; give a whole number, 0 to 99"),
+        ({"priority": -1}, "priority of a hardware loop is -1; give a whole number, 0 to 99"),
+    ],
 )
-def test_settings_are_checked(wrong):
-    with pytest.raises(InvalidInput):
+def test_settings_are_checked(wrong, says):
+    with pytest.raises(InvalidInput, match=says):
         LoopSettings(**wrong)

@@ -17,7 +17,7 @@ import echo_arms
 from driven import HOME, PAPER
 from trocar.arms import MotionLimits
 from trocar.cell import MotionEnd
-from trocar.errors import StartMismatch, TrocarError, UnknownName
+from trocar.errors import InvalidInput, StartMismatch, TrocarError, UnknownName
 from trocar.hardware import HardwareLaboratory
 from trocar.hardware.arm import ArmFault, Fault, LoopSettings
 from trocar.hardware.robot import HardwareRobot
@@ -201,6 +201,17 @@ def test_a_loop_that_tolerates_frozen_encoders_does_not(station):
         check_hardware(station, echo_arms.connect, ARM, settings=replace(RELAXED, following_rad=10.0, following_m=1.0))
 
 
+def test_a_driver_that_hangs_at_once_is_not_waited_for(station, monkeypatch):
+    monkeypatch.setattr("trocar.hardware.robot.CONNECT_S", 8.0)
+    with pytest.raises(ArmFault, match="its loop did not connect and begin within 8 s"):
+        HardwareLaboratory(station, echo_arms.stuck_at_once, RELAXED)
+
+
+def test_a_function_that_another_process_cannot_have_is_refused(station):
+    with pytest.raises(InvalidInput, match=r"connect cannot be given to the loop's process .*; give a module-level"):
+        HardwareLaboratory(station, lambda name: echo_arms.EchoArm(), RELAXED)
+
+
 def test_an_arm_that_does_not_connect_is_named(station):
     with pytest.raises(ArmFault, match="no such arm: psm1"):
         HardwareLaboratory(station, echo_arms.refusing, RELAXED)
@@ -284,6 +295,41 @@ def test_the_emergency_stop_ends_the_motion_and_lasts_until_it_is_cleared(labora
     assert max(use(tmp_path / "sent")) <= 1.001
 
 
+def test_who_waits_for_a_fault_hears_of_it_though_faults_were_cleared_before(laboratory):
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(laboratory.robot.refusal)
+            await trio.sleep(0.1)
+            laboratory.robot.clear_faults()
+            laboratory.robot.emergency_stop("the button")
+            await trio.sleep(5.0)
+
+    with pytest.raises(ArmFault, match="the button"):
+        laboratory.run(script, 60.0)
+
+
+def test_reasons_of_stops_are_forgotten_with_the_motions_that_they_ended(laboratory):
+    async def script(cell):
+        for why in ("first", "second"):
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(stop, why)
+                now = cell.robot.setpoint(ARM).q
+                result = (await cell.robot.move({ARM: rest_to_rest(now, GOAL, SLOW)}))[ARM]
+            assert result.ended is MotionEnd.HELD and why in result.reason
+            kept.append(len(laboratory.robot._jobs._reasons))
+        cell.robot.hold()
+        await laboratory.robot.fresh()
+        kept.append(len(laboratory.robot._jobs._reasons))
+
+    async def stop(why):
+        await trio.sleep(0.2)
+        laboratory.robot.hold(ARM, reason=why)
+
+    kept = []
+    assert laboratory.run(script, 60.0)
+    assert kept == [0, 0, 0]
+
+
 def test_a_script_that_raises_leaves_its_arm_at_rest_and_is_named(laboratory, tmp_path):
     async def script(cell):
         async with trio.open_nursery() as nursery:
@@ -322,6 +368,45 @@ def test_what_is_raised_where_reports_are_processed_ends_the_script_and_its_arm_
     assert laboratory.robot._process.exitcode == 0, "it was told to close, not killed"
     assert not np.loadtxt(tmp_path / "sent")[-1, 7:13].any()
     assert max(use(tmp_path / "sent")) <= 1.001
+
+
+@pytest.mark.parametrize("where", ["reports", "rest"])
+def test_a_second_ctrl_c_while_arms_brake_ends_the_run_as_well(laboratory, tmp_path, monkeypatch, where):
+    def interrupted(*_):
+        if interrupts:
+            raise interrupts.pop()
+
+    async def rest_interrupted():
+        raise KeyboardInterrupt
+
+    async def script(cell):
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(cell.robot.move, {ARM: there().stretched(8.0)})
+            await cell.clock.sleep(0.5)
+            interrupts.extend([KeyboardInterrupt()] * (2 if where == "reports" else 1))
+            await cell.clock.sleep(20.0)
+
+    interrupts = []
+    monkeypatch.setattr(laboratory.robot, "_record", interrupted)
+    if where == "rest":
+        monkeypatch.setattr(laboratory.robot, "rest", rest_interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        laboratory.run(script, 10.0)
+    assert not interrupts
+    laboratory.close()
+    assert not np.loadtxt(tmp_path / "sent")[-1, 7:13].any()
+    assert max(use(tmp_path / "sent")) <= 1.001
+
+
+def test_a_listener_that_fails_while_the_loop_is_closed_leaves_no_loop_behind(station):
+    def listener(event):
+        raise KeyError("terminal")
+
+    laboratory = HardwareLaboratory(station, echo_arms.connect, RELAXED, listener=listener)
+    laboratory.robot.emergency_stop()
+    with pytest.raises(KeyError, match="terminal"):
+        laboratory.close()
+    assert not laboratory.robot._process.is_alive()
 
 
 def test_a_terminal_that_is_gone_does_not_end_the_loop(laboratory):

@@ -52,7 +52,7 @@ def registered(thing: StationArm | StationCamera) -> SE3:
 class HardwareLaboratory:
     """Real arms of a station, ready to run scripts; a context manager that leaves the arms holding.
 
-    A loop in its own process (``trocar.hardware.loop``) drives the arms, behind a guard. However a script ends, the
+    A loop in its own process (``trocar.hardware.process``) drives the arms, behind a guard. However a script ends, the
     arms come to rest within their limits.
 
     Attributes:
@@ -149,11 +149,13 @@ class HardwareLaboratory:
                     await script(self.cell)
                     ended = True
             finally:
-                with trio.CancelScope(shield=True):
-                    self.cell.robot.hold(reason="the script has ended")
-                    await self.cell.robot.rest()
-                nursery.cancel_scope.cancel()
-                resting.cancel()
+                try:
+                    with trio.CancelScope(shield=True):
+                        self.cell.robot.hold(reason="the script has ended")
+                        await self.cell.robot.rest()
+                finally:  # a second Ctrl-C may come here, too
+                    nursery.cancel_scope.cancel()
+                    resting.cancel()
         return ended
 
     async def _attend(self, nursery: trio.Nursery, resting: trio.CancelScope) -> None:
@@ -169,7 +171,13 @@ class HardwareLaboratory:
                 self.log.listener = None
                 nursery.cancel_scope.cancel()
                 with resting:
-                    await self.robot.attend()
+                    while self.robot.gone is None:
+                        try:
+                            await self.robot.attend()
+                        except trio.Cancelled:
+                            raise
+                        except BaseException:  # Ctrl-C again: the arms must still come to rest
+                            continue
             raise
 
     def close(self) -> None:

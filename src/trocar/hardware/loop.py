@@ -1,4 +1,4 @@
-"""The loop that drives real arms, in a process of its own: nothing that a script computes can make it late.
+"""The loop that drives real arms, tick by tick.
 
 Each tick computes the next set-points of all arms, sends them, reads the encoders, and checks the readings. The
 motions' own time advances by one period per tick, however late the tick is. So a late loop slows motions down, never
@@ -8,14 +8,10 @@ speeds them up, and set-points stay within the limits. Any fault brakes the arm 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import queue
-import signal
-import threading
 import time
 from collections import deque
 from collections.abc import Iterable, Mapping
-from multiprocessing.connection import Connection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,22 +28,13 @@ from trocar.hardware.arm import (
     LoopSettings,
 )
 from trocar.hardware.messages import ArmReport, Clear, Close, EmergencyStop, Jaw, Report, Start, Stop
-from trocar.hardware.priority import ahead_of_others
 from trocar.robots.driver import Completion, Driver
 from trocar.robots.executor import Ending
 
 START_TOLERANCE = 1e-6
 STEP_TOLERANCE = 1e-6
 """Share by which rounding may make a set-point exceed a limit."""
-JITTER_SHARE = 0.1
-"""A tick that is later than this share of its period postpones the next ones, so that no two come closer together."""
 LATE_SHARE = 0.5
-MAX_UNSENT = 1000
-"""While this many reports wait to be sent, further ones are dropped unless a script may wait for them."""
-LAST_WORDS_S = 0.5
-FOR_THE_SCRIPT = ("SIGINT", "SIGHUP", "SIGQUIT", "SIGTSTP")
-"""Ctrl-C, a closed terminal, Ctrl-backslash and Ctrl-Z are for the script, and the loop goes on: the script brakes the
-arms, or the loop does when the script ends or falls silent."""
 
 
 class HardwareLoop:
@@ -80,7 +67,14 @@ class HardwareLoop:
         self._braked: dict[str, bool] = dict.fromkeys(arms, False)
         self._closing = False
         self._report = Report(0, 0.0, 0.0)
-        lag = 1 + int(np.ceil(settings.lag_s / settings.tick_s))
+        try:
+            self._attach(connect, 1 + int(np.ceil(settings.lag_s / settings.tick_s)))
+        except BaseException:
+            self.close()
+            raise
+
+    def _attach(self, connect: Connect, lag: int) -> None:
+        """Connect all arms, and take what each holds as its first set-point; ``lag`` set-points are remembered."""
         for name in self._arms:
             self._devices[name] = connect(name)
         for name, arm in self._arms.items():  # connecting takes a while, and these must be fresh
@@ -93,8 +87,8 @@ class HardwareLoop:
             self._velocity[name] = np.zeros(6)
             self._jaw_goals[name] = jaw_rad
             off = np.abs(np.array(self._devices[name].read().q, dtype=np.float64) - q)
-            if (off > arm.following(settings)).any():
-                joint = arm.model.joints[int(np.argmax(off - arm.following(settings)))].name
+            if (off > arm.following(self.settings)).any():
+                joint = arm.model.joints[int(np.argmax(off - arm.following(self.settings)))].name
                 problem = f"nothing was sent yet, and {joint!r} reads {off.max():.4f} off what its controller holds"
                 raise ArmFault(name, Fault.FOLLOWING, problem)
 
@@ -152,10 +146,17 @@ class HardwareLoop:
                     self._fault_all(Fault.ORPHANED)
 
     def _start_jaw(self, jaw: Jaw) -> None:
-        if jaw.arm in self._faults:
-            self._report.over.append((jaw.key, jaw.arm, Ending(MotionEnd.FAULT, self._faults[jaw.arm])))
+        """Drive jaws, or stop them if they still execute this command; refuse if the arm may not move."""
+        stopped = self._faults.get(jaw.arm) or (ArmFault(jaw.arm, Fault.GONE) if self._closing else None)
+        if stopped is not None:
+            self._report.over.append((jaw.key, jaw.arm, Ending(MotionEnd.FAULT, stopped)))
             return
-        angle_rad = self.driver.jaw_command_rad(jaw.arm) if jaw.angle_rad is None else jaw.angle_rad
+        angle_rad = jaw.angle_rad
+        if angle_rad is None:
+            known = self._waiting.get((jaw.key, jaw.arm))
+            if known is None or known.over.is_set():  # it is over, or another command has replaced it
+                return
+            angle_rad = self.driver.jaw_command_rad(jaw.arm)
         self._waiting[jaw.key, jaw.arm] = self.driver.start_jaw(jaw.arm, angle_rad)
         self._jaw_goals[jaw.arm] = angle_rad
 
@@ -329,65 +330,3 @@ class HardwareLoop:
                 self._jaw_goals[name],
                 self.driver.limit_use(name),
             )
-
-
-def serve(
-    arms: Mapping[str, DrivenArm], connect: Connect, settings: LoopSettings, said: Connection, told: Connection
-) -> None:
-    """Run the loop's process: connect, then tick until told to close or the scripts' process has ended.
-
-    Args:
-        arms: by name.
-        connect: connects one of them.
-        settings: timing and tolerances.
-        said: receives messages of the scripts' process.
-        told: sends reports; the first message is None, or why the arms could not be connected.
-    """
-    for name in FOR_THE_SCRIPT:
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
-    try:
-        loop = HardwareLoop(arms, connect, settings)
-    except Exception as error:
-        told.send(error if isinstance(error, TrocarError) else f"{type(error).__name__}: {error}")
-        return
-    signal.signal(signal.SIGTERM, lambda *_: loop.inbox.put(Close()))
-    importlib.import_module("scipy.interpolate")  # takes .13 s, which would delay the first motion and its ticks
-    told.send(None)
-    with ahead_of_others(settings.priority):
-        _tick_until_closed(loop, said, told)
-
-
-def _tick_until_closed(loop: HardwareLoop, said: Connection, told: Connection) -> None:
-    """Let the loop tick on time, and pass on messages and reports."""
-    unsent: queue.SimpleQueue[Report] = queue.SimpleQueue()
-    settings = loop.settings
-    threading.Thread(target=_listen, args=(said, loop.inbox), daemon=True).start()
-    threading.Thread(target=_speak, args=(unsent, told), daemon=True).start()
-    due_s = time.monotonic() + settings.tick_s
-    while not loop.closed:
-        time.sleep(max(0.0, due_s - time.monotonic()))
-        now_s = time.monotonic()
-        late_s = now_s - due_s
-        report = loop.tick(late_s)
-        if unsent.qsize() < MAX_UNSENT or report.eventful:
-            unsent.put(report)
-        due_s = (due_s if late_s < JITTER_SHARE * settings.tick_s else now_s) + settings.tick_s
-    deadline_s = time.monotonic() + LAST_WORDS_S
-    while not unsent.empty() and time.monotonic() < deadline_s:
-        time.sleep(settings.tick_s)
-
-
-def _listen(said: Connection, inbox: queue.SimpleQueue[object]) -> None:
-    """Put messages into the inbox; None when the connection ends."""
-    with contextlib.suppress(EOFError, OSError):
-        while True:
-            inbox.put(said.recv())
-    inbox.put(None)
-
-
-def _speak(unsent: queue.SimpleQueue[Report], told: Connection) -> None:
-    """Send reports, in a thread of their own: a frozen reader must not stop the loop."""
-    with contextlib.suppress(OSError):
-        while True:
-            told.send(unsent.get())

@@ -26,7 +26,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Jaw:
-    """Drive an arm's jaws to an angle; None: stop them at the present command."""
+    """Drive an arm's jaws to an angle; None: stop them there, if the command of this key still drives them."""
 
     key: int
     arm: str

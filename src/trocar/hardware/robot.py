@@ -5,18 +5,20 @@ from __future__ import annotations
 import contextlib
 import math
 import multiprocessing
+import pickle
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import trio
 
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
-from trocar.errors import ArmMoving, TrocarError, UnknownName
+from trocar.errors import ArmMoving, InvalidInput, TrocarError, UnknownName
 from trocar.hardware.arm import PASSING, ArmFault, Connect, DrivenArm, Fault, LoopSettings
 from trocar.hardware.jobs import Job, Jobs
-from trocar.hardware.loop import serve
 from trocar.hardware.messages import Alive, ArmReport, Clear, Close, EmergencyStop, Jaw, Report, Start, Stop
+from trocar.hardware.process import serve
 from trocar.robots.driver import JAW_REST_S
 from trocar.trajectory import Trajectory
 
@@ -33,7 +35,7 @@ SILENT_S = 2.0
 
 
 class HardwareRobot:
-    """Arms that a loop in its own process drives (``trocar.hardware.loop``), to be wrapped in ``Guarded``.
+    """Arms that a loop in its own process drives (``trocar.hardware.process``), to be wrapped in ``Guarded``.
 
     ``read``, ``setpoint`` and ``remaining`` return what the loop last reported. The set-point of a moving arm is that
     of ``lead_ticks`` later, so a motion that takes over there reaches the loop in time. A late one is refused.
@@ -48,10 +50,11 @@ class HardwareRobot:
     Attributes:
         settings: of the loop.
         origin_s: time of the machine's monotonic clock from which the cell's time counts.
+        gone: why the loop does not drive the arms any more; None: it does.
         refused: the last fault after which an arm refuses to move; None: there is none.
 
     Raises:
-        TrocarError: an arm could not be connected, with the reason.
+        TrocarError: an arm could not be connected, with the reason, or ``connect`` is not such a function.
     """
 
     def __init__(
@@ -65,7 +68,7 @@ class HardwareRobot:
     ):
         self.settings, self.origin_s = settings or LoopSettings(), 0.0
         self._note, self._record, self._jobs = note, record, Jobs()
-        self._gone: ArmFault | None = None
+        self.gone: ArmFault | None = None
         self.refused: ArmFault | None = None
         self._refuses = trio.Event()
         context = multiprocessing.get_context("spawn")
@@ -73,7 +76,11 @@ class HardwareRobot:
         self._told, told = context.Pipe(duplex=False)
         given = dict(arms), connect, self.settings, said, told
         self._process = context.Process(target=serve, args=given, name="hardware loop", daemon=False)
-        self._process.start()
+        try:
+            self._process.start()
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            remedy = "give a module-level function, or a functools.partial of one"
+            raise InvalidInput("connect", f"cannot be given to the loop's process ({error})", remedy) from None
         said.close()
         told.close()
         try:
@@ -87,12 +94,17 @@ class HardwareRobot:
 
     def _connect(self, first: str) -> None:
         """Wait until the loop's process has connected all arms, and has told so in its first report."""
-        if not self._told.poll(CONNECT_S):
-            raise ArmFault(first, Fault.DEVICE, f"its loop did not connect within {CONNECT_S:g} s")
+        deadline_s = time.monotonic() + CONNECT_S
+
+        def told() -> Any:
+            if not self._told.poll(max(0.0, deadline_s - time.monotonic())):
+                raise ArmFault(first, Fault.DEVICE, f"its loop did not connect and begin within {CONNECT_S:g} s")
+            return self._told.recv()
+
         try:
-            problem = self._told.recv()
+            problem = told()
             if problem is None:
-                self._take(self._told.recv())
+                self._take(told())
         except EOFError:
             problem = "its process ended while connecting"
         if problem is not None:
@@ -214,7 +226,7 @@ class HardwareRobot:
         """
         rest, lag = (math.ceil(time_s / self.settings.tick_s) for time_s in (JAW_REST_S, self.settings.lag_s))
         end, read = self._report.tick + lag + rest, dict[int, float]()
-        while self._gone is None and self._report.tick < end:
+        while self.gone is None and self._report.tick < end:
             now, now_rad = self._report.tick, self.read(arm).jaw_rad
             read[now] = now_rad
             since = max((tick for tick in read if tick <= now - rest), default=None)
@@ -226,7 +238,7 @@ class HardwareRobot:
 
     def _send(self, message: object) -> None:
         """Tell the loop; if it is gone, end every script's wait."""
-        if self._gone is None:
+        if self.gone is None:
             with contextlib.suppress(OSError):
                 self._say.send(message)
                 return
@@ -251,7 +263,9 @@ class HardwareRobot:
 
     def clear_faults(self, *arms: str) -> None:
         """Let these arms, or all, move again after a fault; an arm whose connection failed has to be connected anew."""
-        self.refused, self._refuses = None, trio.Event()
+        self.refused = None
+        if self._refuses.is_set():  # else somebody may be waiting for it
+            self._refuses = trio.Event()
         self._send(Clear(arms))
 
     async def refusal(self) -> None:
@@ -260,14 +274,14 @@ class HardwareRobot:
         Raises:
             ArmFault: this fault.
         """
-        await self._refuses.wait()
-        assert self.refused is not None
+        while self.refused is None:
+            await self._refuses.wait()
         raise self.refused
 
     async def rest(self, *arms: str) -> None:
         """Return when these arms, or all, are at rest."""
         for name in arms or self.names:
-            while self._gone is None and self.setpoint(name).moving:
+            while self.gone is None and self.setpoint(name).moving:
                 await trio.sleep(self.settings.tick_s)
 
     async def attend(self, after: Callable[[], None] = lambda: None) -> None:
@@ -309,7 +323,7 @@ class HardwareRobot:
     async def fresh(self) -> None:
         """Return when a report later than this call, and all before it, are processed."""
         now_s = time.monotonic()
-        while self._gone is None and self._report.time_s < now_s:
+        while self.gone is None and self._report.time_s < now_s:
             await trio.sleep(self.settings.tick_s)
 
     def _take(self, report: Report) -> None:
@@ -328,22 +342,24 @@ class HardwareRobot:
 
     def _abandon(self, detail: str = "") -> ArmFault:
         """End every script's wait, now and later: the loop is gone. Return this fault, which is noted once."""
-        known, self._gone = self._gone, self._gone or ArmFault(self.names[0], Fault.GONE, detail)
-        self._jobs.end(self._gone)
+        known, self.gone = self.gone, self.gone or ArmFault(self.names[0], Fault.GONE, detail)
+        self._jobs.end(self.gone)
         if known is None:
-            self._note_fault(self._gone)
-        return self._gone
+            self._note_fault(self.gone)
+        return self.gone
 
     def close(self, timeout_s: float = 10.0) -> None:
         """Bring the arms to rest, leave them holding, process the last reports, and end the loop's process."""
         self._send(Close())
         deadline_s = time.monotonic() + timeout_s
-        with contextlib.suppress(EOFError, OSError):
-            while self._told.poll(max(0.0, deadline_s - time.monotonic())):
-                self._take(self._told.recv())
-        self._process.join(max(0.0, deadline_s - time.monotonic()))
-        if self._process.is_alive():
-            self._process.kill()
-        self._gone = self._gone or ArmFault(self.names[0], Fault.GONE)
-        self._say.close()
-        self._told.close()
+        try:
+            with contextlib.suppress(EOFError, OSError):
+                while self._told.poll(max(0.0, deadline_s - time.monotonic())):
+                    self._take(self._told.recv())
+        finally:  # a listener may raise
+            self._process.join(max(0.0, deadline_s - time.monotonic()))
+            if self._process.is_alive():
+                self._process.kill()
+            self.gone = self.gone or ArmFault(self.names[0], Fault.GONE)
+            self._say.close()
+            self._told.close()
