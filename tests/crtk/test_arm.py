@@ -15,7 +15,7 @@ from memory_bus import MemoryBus
 from trocar.crtk.arm import HEARD_S, CrtkArm
 from trocar.crtk.bus import open_bus, stamped
 from trocar.crtk.dialect import PSM_JOINTS
-from trocar.crtk.messages import Bool, Empty, JointState, PoseStamped, StringStamped, TwistStamped
+from trocar.crtk.messages import Bool, Empty, Header, JointState, PoseStamped, StringStamped, TwistStamped
 from trocar.errors import InvalidInput
 from trocar.hardware.arm import ArmFault, Fault, LoopSettings
 from trocar.lab import load_station
@@ -198,6 +198,19 @@ def test_a_controller_that_no_longer_tells_what_it_holds_is_lost_although_the_en
     setattr(arm, which, silent)
     found = fault_of(arm)
     assert found.fault is Fault.LOST and "/PSM1/setpoint_js or the jaws', for 10." in found.detail
+
+
+@pytest.mark.parametrize("which", ["_setpoint", "_jaw_setpoint"])
+def test_a_controller_that_says_that_it_holds_no_position_is_named_although_the_encoders_are_read(which, cell):
+    """CRTK: a stamp of 0 says "not available", as where the controller drives its motors by efforts."""
+    arm = enabled()
+    told, bus = getattr(arm, which), MemoryBus()
+    invalid = bus.subscriber("/PSM1/setpoint_js", JointState)
+    invalid.last = JointState(Header(), told.last.name, told.last.position)
+    invalid.at_s = time.monotonic() + 60.0  # it goes on telling so
+    setattr(arm, which, invalid)
+    found = fault_of(arm)
+    assert found.fault is Fault.FOLLOWING and "/PSM1/setpoint_js or the jaws' tells no valid position" in found.detail
 
 
 def test_an_arm_that_was_not_heard_of_for_long_is_not_taken_back_when_it_is(cell):

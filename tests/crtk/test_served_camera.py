@@ -1,5 +1,7 @@
 """A served camera answers a client in another process, and runs freely only until it is first asked."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trio
@@ -12,8 +14,9 @@ from trocar.crtk import served_camera
 from trocar.crtk.bus import open_bus
 from trocar.crtk.camera import CrtkCamera
 from trocar.crtk.convert import seconds
-from trocar.crtk.messages import Empty, Image
+from trocar.crtk.messages import Empty, Header, Image
 from trocar.crtk.served_camera import ServedCameras
+from trocar.errors import MachineError
 from trocar.lab import load_station
 from trocar.lab.laboratory import build_cell
 from trocar.lab.topics import Topics
@@ -50,6 +53,17 @@ def test_who_asks_while_an_image_is_exposed_gets_that_one_and_nobody_waits_for_a
     exposure_s = laboratory.cameras["overhead"].exposure_s
     assert len(exposed) == count
     assert all(any(0 <= at_s - asked <= 2 * exposure_s + 0.03 for at_s in exposed) for asked in asked_s)
+
+
+def test_a_renderer_that_has_ended_is_named_and_takes_only_the_images_with_it(monkeypatch):
+    monkeypatch.setattr(served_camera, "open_bus", lambda topics: MemoryBus())
+    cameras = ServedCameras(build_cell(load_station("peg-transfer"), seed=1), TOPICS, 0.0)
+    cameras._process = SimpleNamespace(join=lambda timeout: None, is_alive=lambda: False, exitcode=-9)
+    cameras._theirs.close()
+    for what in (cameras._pending, lambda: cameras._expose("overhead", Header(), b"", kept=True)):
+        with pytest.raises(MachineError, match=r"the process that renders images has ended \(exit code -9\)"):
+            what()
+    assert cameras.files() == ({}, {}), "the trial is saved without them"
 
 
 def test_a_served_camera_runs_freely_until_it_is_asked_and_then_answers_each_request_once():

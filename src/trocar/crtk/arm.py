@@ -218,13 +218,13 @@ class CrtkArm:
             return None
         assert setpoint.last is not None and jaw.last is not None
         off = np.abs(joints_in(self._dialect, setpoint.last) - self._last)
-        off_rad = abs(jaw_in(jaw.last) - self._jaw_last)
-        if (off > HEARD).any() or off_rad > HEARD_JAW_RAD:
-            held = (
-                f"{self._topic}/setpoint_js is off what was sent by up to {off.max():.4f}, the jaws' by {off_rad:.4f}"
-            )
-            return ArmFault(self._name, Fault.FOLLOWING, f"{held}, {HEARD_S:g} s later")
-        return None
+        off_rad, topic = abs(jaw_in(jaw.last) - self._jaw_last), f"{self._topic}/setpoint_js"
+        if (off <= HEARD).all() and off_rad <= HEARD_JAW_RAD:
+            return None
+        held = f"{topic} is off what was sent by up to {off.max():.4f}, the jaws' by {off_rad:.4f}"
+        if np.isnan([*off, off_rad]).any():
+            held = f"{topic} or the jaws' tells no valid position"
+        return ArmFault(self._name, Fault.FOLLOWING, f"{held}, {HEARD_S:g} s later")
 
     def send(self, q: NDArray[np.float64], velocity: NDArray[np.float64], jaw_rad: float) -> None:
         """Send a set-point or a Raven's increment each tick, a goal or the jaws' angle only when it changes."""

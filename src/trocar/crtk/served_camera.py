@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from multiprocessing import get_context
 
 import trio
@@ -75,13 +76,14 @@ class ServedCameras:
             self._process.kill()
 
     def files(self) -> Files:
-        """Return the triggered images."""
-        if self._process is None:
-            return {}, {}
-        while self._pending():
-            self._pipe.poll(0.05)
-        self._pipe.send(None)
-        return self._pipe.recv()
+        """Return the triggered images; none if the renderer has ended, as serving has then told."""
+        if self._process is not None:
+            with suppress(MachineError, OSError, EOFError):
+                while self._pending():
+                    self._pipe.poll(0.05)
+                self._pipe.send(None)
+                return self._pipe.recv()
+        return {}, {}
 
     async def serve(self, cell: Cell) -> None:
         """Serve for ever."""
@@ -108,7 +110,10 @@ class ServedCameras:
 
     def _expose(self, name: str, header: Header, state: bytes, *, kept: bool) -> None:
         self._waiting += 1
-        self._pipe.send(Exposure(name, header, state, kept))
+        try:
+            self._pipe.send(Exposure(name, header, state, kept))
+        except OSError:
+            raise self._ended() from None
 
     def _pending(self) -> int:
         """Return how many images are still to be published.
@@ -116,9 +121,15 @@ class ServedCameras:
         Raises:
             MachineError: the renderer has ended.
         """
-        while self._pipe.poll():
-            self._pipe.recv()
-            self._waiting -= 1
-        if self._waiting and self._process is not None and not self._process.is_alive():
-            raise MachineError(f"the process that renders images has ended (exit code {self._process.exitcode})")
+        try:
+            while self._pipe.poll():
+                self._pipe.recv()
+                self._waiting -= 1
+        except (EOFError, OSError):
+            raise self._ended() from None
         return self._waiting
+
+    def _ended(self) -> MachineError:
+        assert self._process is not None
+        self._process.join(END_S)
+        return MachineError(f"the process that renders images has ended (exit code {self._process.exitcode})")
