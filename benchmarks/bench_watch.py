@@ -12,7 +12,7 @@ of poses that a browser got, frames that it drew, and camera images.
 memory: trials at the cell's full speed with one browser for ``--minutes``. Printed: growth of the resident memory of
 the run's process and of the page's, by a straight line through the readings after the first quarter.
 
-Run: .venv/bin/python benchmarks/bench_watch.py [--quick] [--parts cost pace memory]
+Run: .venv/bin/python benchmarks/bench_watch.py [--parts cost pace memory]
 """
 
 from __future__ import annotations
@@ -191,19 +191,17 @@ def main() -> None:
     parser.add_argument("--parts", nargs="+", default=["cost", "pace", "memory"])
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--minutes", type=float, default=20.0)
-    parser.add_argument("--quick", action="store_true", help="Few rounds, and 2 minutes.")
     given = parser.parse_args()
-    rounds, minutes = (2, 2.0) if given.quick else (given.rounds, given.minutes)
     cell = Cell(1)
     cell.run()
     with ExitStack() as stack:
         pages = [stack.enter_context(browser(*SIZE)) for _ in range(2)]
         if "cost" in given.parts:
-            cost(cell, rounds, pages)
+            cost(cell, given.rounds, pages)
         if "pace" in given.parts:
             pace(cell, pages)
         if "memory" in given.parts:
-            memory(cell, minutes, pages)
+            memory(cell, given.minutes, pages)
 
 
 if __name__ == "__main__":
