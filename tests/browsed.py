@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.eval.folder import open_folder
 from trocar.eval.trial import trial_file
 
@@ -24,9 +24,7 @@ def made_run(folder: Path, failures: Failures | None = None, places: int = 0, **
     run, failed = config(**options), failures or {}
     todo = open_folder(run, folder)
     for session, index in todo[: places or len(todo)]:
-        path = trial_file(folder, session, index)
-        path.parent.mkdir(exist_ok=True)
-        synthetic_trial(run, index, failed.get((session, index)), session).save(path)
+        keep(synthetic_trial(run, index, failed.get((session, index)), session), folder)
     return folder
 
 

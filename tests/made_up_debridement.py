@@ -7,18 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
+from synthetic import GREY, RED, TICK_S, about_of, keep, scenery_of
 from trocar.eval.config import RunConfig
 from trocar.eval.jobs import opened
-from trocar.eval.scenery import Scenery
 from trocar.eval.study import Condition, conditions_of
-from trocar.eval.trial import Trial, trial_file
+from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.log import Span
 from trocar.replay import Solid
 from trocar.tasks.debridement.report.table_one import MODES
 from trocar.tasks.debridement.task import Debridement
 
-TICK_S = 0.01
 PARTS_S = {"capture": 0.2, "perception": 1.0, "planning": 2.0, "motion": 5.0, "jaw": 0.5, "settling": 0.3}
 """Time of each fragment by part; one more second, waiting or unaccounted for, makes 10 s of one arm."""
 FRAGMENT_S = 10.0
@@ -70,14 +69,7 @@ def made_up(config: RunConfig | None = None, session: int = 0, scores: list[dict
             arrays[f"{kind}_{name}"] = np.tile(q, (rows, 1)).astype(np.float32)
     arrays["body_fragment0"] = np.tile([-0.07, -0.06, -0.158, 1.0, 0.0, 0.0, 0.0], (rows, 1)).astype(np.float32)
     return Trial(
-        about={
-            **config.about(),
-            "fingerprint": config.fingerprint,
-            "session": session,
-            "index": 0,
-            "settings": {},
-            "transmissions": dict.fromkeys(config.laboratory.arms, "none"),
-        },
+        about=about_of(config, session, 0),
         scores=scores,
         spans=spans,
         events=sorted(events, key=lambda event: event["time_s"]),
@@ -87,30 +79,14 @@ def made_up(config: RunConfig | None = None, session: int = 0, scores: list[dict
         duration_s=duration_s,
         command_limit_use=dict.fromkeys(config.laboratory.arms, (0.5, 0.9)),
         arrays=arrays,
-        scenery=_scenery(config),
-        wall_s=20.0,
-    )
-
-
-def _scenery(config: RunConfig) -> Scenery:
-    station = config.laboratory
-    red, grey = (0.8, 0.2, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
-    bases = {name: arm.T_world_base for name, arm in station.arms.items()}
-    box = Solid(
-        "receptacle", "box", (0.055, 0.035, 0.006), SE3.from_parts(translation_m=[-0.0745, 0.012, -0.156]), grey
-    )
-    return Scenery(
-        solids=(
-            box,
-            Solid("fragment0", "box", (0.006, 0.004, 0.004), SE3.identity(), red),
-            *(Solid(f"{arm}_link6", "sphere", (0.003,), SE3.identity(), grey) for arm in station.arms),
+        scenery=scenery_of(
+            config,
+            Solid(
+                "receptacle", "box", (0.055, 0.035, 0.006), SE3.from_parts(translation_m=[-0.0745, 0.012, -0.156]), GREY
+            ),
+            Solid("fragment0", "box", (0.006, 0.004, 0.004), SE3.identity(), RED),
         ),
-        T_world_body={"world": SE3.identity(), "receptacle": SE3.identity()},
-        arms=station.models,
-        T_world_base=bases,
-        T_world_base_registered=bases,
-        cameras={name: [] for name in station.cameras},
-        tick_s=TICK_S,
+        wall_s=20.0,
     )
 
 
@@ -119,12 +95,10 @@ def saved(folder: Path, sessions: int = 3, **more: object) -> list[Condition]:
     cells = conditions_of(Debridement, folder, methods="paper", sessions=sessions, seed=2, **more)  # type: ignore[arg-type]
     opened(cells)
     for cell in cells:
-        for session, index in cell.places:
+        for session, _ in cell.places:
             trial = made_up(cell.config, session)
             if cell.name == "two-arms":
                 scores = [score(0, 0.0, attempts=2, multiple_grasps=1), *trial.scores[1:]]
                 trial = replace(trial, scores=scores)
-            path = trial_file(cell.folder, session, index)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            trial.save(path)
+            keep(trial, cell.folder)
     return cells

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from synthetic import synthetic_trial
+from synthetic import keep, synthetic_trial
 from trocar.eval.jobs import opened
 from trocar.eval.study import Condition, conditions_of
 from trocar.eval.trial import trial_file
@@ -30,9 +30,7 @@ def saved(folder: Path, sessions: int = 3, trials: int = 1, failures: int = 6) -
         for session, index in cell.places:
             trial = synthetic_trial(cell.config, index, failed, session)
             hits = trial.collisions * 4 if failed else []
-            path = trial_file(cell.folder, session, index)
-            path.parent.mkdir(exist_ok=True)
-            replace(trial, collisions=hits).save(path)
+            keep(replace(trial, collisions=hits), cell.folder)
     return cells
 
 

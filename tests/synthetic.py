@@ -11,7 +11,7 @@ import numpy as np
 from trocar.eval import pick_method
 from trocar.eval.config import RunConfig
 from trocar.eval.scenery import Scenery
-from trocar.eval.trial import Trial
+from trocar.eval.trial import Trial, trial_file
 from trocar.geometry import SE3
 from trocar.log import Computation, Span
 from trocar.replay import Solid
@@ -23,6 +23,7 @@ PARTS_S = {"capture": 0.2, "perception": 0.1, "planning": 0.2, "motion": 3.0, "j
 STEPS = ("capture", "perception", "planning", "motion", "settling", "jaw", "motion", "jaw")
 """Steps of a transfer: look, move to the block, close the jaws, carry it, open the jaws."""
 TICK_S = 0.01
+RED, GREY = (0.8, 0.2, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
 GOALS = PegTransfer().goals()
 
 
@@ -46,6 +47,35 @@ def unmarked(path: Path) -> dict[str, Any]:
     values = json.loads(path.read_text())
     assert values.pop("made_by").startswith("made by Trocar: ")
     return values
+
+
+def keep(trial: Trial, folder: Path) -> Path:
+    """Save a trial where its run in this folder has it, and return the path."""
+    path = trial_file(folder, trial.about["session"], trial.about["index"])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return trial.save(path)
+
+
+def about_of(run: RunConfig, session: int, index: int) -> dict[str, Any]:
+    """Return what a trial says of itself."""
+    made_up = {"settings": {}, "transmissions": dict.fromkeys(run.laboratory.arms, "none")}
+    return {**run.about(), "fingerprint": run.fingerprint, "session": session, "index": index, **made_up}
+
+
+def scenery_of(run: RunConfig, fixed: Solid, loose: Solid) -> Scenery:
+    """Return the arms of a run, a ball for each one's jaws, something that stands still and something that moves."""
+    station = run.laboratory
+    bases = {name: arm.T_world_base for name, arm in station.arms.items()}
+    jaws = [Solid(f"{arm}_link6", "sphere", (0.003,), SE3.identity(), GREY) for arm in station.arms]
+    return Scenery(
+        solids=(fixed, loose, *jaws),
+        T_world_body={"world": SE3.identity(), fixed.body: SE3.identity()},
+        arms=station.models,
+        T_world_base=bases,
+        T_world_base_registered=bases,
+        cameras={name: [] for name in station.cameras},
+        tick_s=TICK_S,
+    )
 
 
 def synthetic_trial(
@@ -79,14 +109,7 @@ def synthetic_trial(
         events.append({"name": "transfer", "time_s": start_s + TRANSFER_S, "outcome": failure or "DONE"})
     hit = {"time_s": 3.0, "end_s": 3.1, "arm": "psm1", "what": "arm", "against": "peg 4", "force_n": 2.0}
     return Trial(
-        about={
-            **run.about(),
-            "fingerprint": run.fingerprint,
-            "session": session,
-            "index": index,
-            "settings": {},
-            "transmissions": {"psm1": "none", "psm2": "none"},
-        },
+        about=about_of(run, session, index),
         scores=scores,
         spans=spans,
         events=events,
@@ -96,7 +119,11 @@ def synthetic_trial(
         duration_s=len(GOALS) * TRANSFER_S,
         command_limit_use={"psm1": (0.5, 0.99), "psm2": (0.0, 0.0)},
         arrays=_arrays(run, np.random.default_rng([session, index])),
-        scenery=_scenery(run),
+        scenery=scenery_of(
+            run,
+            Solid("board", "box", (0.05, 0.03, 0.005), SE3.from_parts(translation_m=[0.0, 0.0, -0.005]), RED),
+            Solid("block0", "box", (0.007, 0.007, 0.007), SE3.identity(), RED),
+        ),
         computations=computations,
         machine_speed=0.9,
         wall_s=10.0,
@@ -115,24 +142,3 @@ def _arrays(run: RunConfig, rng: np.random.Generator) -> dict[str, np.ndarray]:
     block = np.zeros((len(times_s), 7))
     block[:, :3], block[:, 3] = wave[:, :3], 1.0
     return arrays | {"body_block0": block.astype(np.float32), "T_world_board": np.eye(4)}
-
-
-def _scenery(run: RunConfig) -> Scenery:
-    station = run.laboratory
-    grey, red = (0.6, 0.6, 0.6, 1.0), (0.8, 0.2, 0.1, 1.0)
-    tools = [
-        Solid(f"{arm}_link6", "sphere", (0.003,), SE3.identity(), grey)  # where the jaws begin
-        for arm in station.arms
-    ]
-    plate = Solid("board", "box", (0.05, 0.03, 0.005), SE3.from_parts(translation_m=[0.0, 0.0, -0.005]), red)
-    block = Solid("block0", "box", (0.007, 0.007, 0.007), SE3.identity(), red)
-    bases = {name: arm.T_world_base for name, arm in station.arms.items()}
-    return Scenery(
-        solids=(plate, block, *tools),
-        T_world_body={"world": SE3.identity(), "board": SE3.identity()},
-        arms=station.models,
-        T_world_base=bases,
-        T_world_base_registered=bases,
-        cameras={name: [] for name in station.cameras},
-        tick_s=TICK_S,
-    )

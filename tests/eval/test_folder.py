@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.calibration.excitation import WIDE_ROWS, random_smooth_path
 from trocar.calibration.models import save_model
 from trocar.errors import TrocarError
@@ -24,9 +24,7 @@ def played(run, folder, *places):
     """Keep trials of a run in its folder, as if they had been played."""
     open_folder(run, folder)
     for session, index in places:
-        path = trial_file(folder, session, index)
-        path.parent.mkdir(exist_ok=True)
-        synthetic_trial(run, index, session=session).save(path)
+        keep(synthetic_trial(run, index, session=session), folder)
 
 
 def numbers(trials):

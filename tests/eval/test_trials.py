@@ -7,21 +7,17 @@ from types import SimpleNamespace
 import pytest
 
 import trocar
-from synthetic import config, prepared, synthetic_trial
+from synthetic import config, keep, prepared, synthetic_trial
 from trocar.errors import InvalidInput, UnknownName
 from trocar.eval import jobs
-from trocar.eval.trial import trial_file
 from trocar.eval.trials import Trials
 
 
 def saved(folder, run, failed=0, sessions=4):
     """Return trials of so many sessions, of each so many transfers have failed."""
-    paths = [trial_file(folder, session, 0) for session in range(sessions)]
-    for session, path in enumerate(paths):
-        path.parent.mkdir(parents=True)
-        trial = synthetic_trial(run, 0, dict.fromkeys(range(failed), "DROPPED"), session)
-        replace(trial, duration_s=60.0 + 12.0 * failed, collisions=trial.collisions * failed).save(path)
-    return Trials(paths)
+    trials = (synthetic_trial(run, 0, dict.fromkeys(range(failed), "DROPPED"), session) for session in range(sessions))
+    changed = (replace(one, duration_s=60.0 + 12.0 * failed, collisions=one.collisions * failed) for one in trials)
+    return Trials([keep(trial, folder) for trial in changed])
 
 
 def test_trials_say_in_a_line_what_came_of_them(tmp_path):

@@ -9,10 +9,9 @@ import pytest
 
 import trocar.view.replay
 from pages import Page
-from synthetic import config, synthetic_trial, unmarked
+from synthetic import config, keep, synthetic_trial, unmarked
 from trocar.eval import TaskReport
 from trocar.eval.folder import load_trials, open_folder
-from trocar.eval.trial import trial_file
 from trocar.report import files
 from trocar.report.files import draw_trial, report_of, write_report
 from trocar.tasks.peg_transfer.report import PegReport
@@ -94,10 +93,8 @@ def test_a_report_writes_what_it_names_and_the_same_again(tmp_path):
         synthetic_trial(RUN, 1, {1: "DROPPED"}),
     ]
     open_folder(RUN, tmp_path)
-    for index, trial in enumerate(trials):
-        path = trial_file(tmp_path, 0, index)
-        path.parent.mkdir(exist_ok=True)
-        trial.save(path)
+    for trial in trials:
+        keep(trial, tmp_path)
     summary, files = write_report(tmp_path, *load_trials(tmp_path))
     written = ("summary.json", "storyboard.png", "paths.png", "timechart.png")
     first = [(tmp_path / name).read_bytes() for name in written]

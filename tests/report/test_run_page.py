@@ -8,12 +8,11 @@ import typer
 from typer.testing import CliRunner
 
 from pages import assert_fit_to_show
-from synthetic import config, synthetic_trial, unmarked
+from synthetic import config, keep, synthetic_trial, unmarked
 from trocar.cli import app
 from trocar.eval import TASKS
 from trocar.eval import folder as trials_folder
 from trocar.eval.folder import load_trials, open_folder
-from trocar.eval.trial import trial_file
 from trocar.report import files
 from trocar.report.files import kept_pictures, write_report
 from trocar.report.run_page import command_of
@@ -28,10 +27,7 @@ def run(tmp_path_factory):
     open_folder(RUN, folder)
     failures = {1: "DROPPED", 4: "NOT_GRASPED", 5: "NOT_GRASPED"}
     for session, failed in enumerate(({}, failures)):
-        trial = synthetic_trial(RUN, failures=failed, session=session)
-        path = trial_file(folder, session, 0)
-        path.parent.mkdir(exist_ok=True)
-        trial.save(path)
+        keep(synthetic_trial(RUN, failures=failed, session=session), folder)
     most, files.MOST_FAILED = files.MOST_FAILED, 2
     try:
         write_report(folder, *load_trials(folder))

@@ -26,7 +26,6 @@ from trocar.lab.flaws import FLAWS, MILD, MOST_SCALE, SHOWN, Difficulty
 from trocar.report import style
 from trocar.report.tables import rated
 
-COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
 WIDTH_IN, HEIGHT_IN = 2.7, 4.4
 OWN_KEYS = ("task", "methods", "seeds", "flaws", "options")
 """Keys of a sweep's file besides the options of a run."""
@@ -301,7 +300,7 @@ def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Pat
         grid = figure.subplots(2, len(flaws), squeeze=False, sharex="col", sharey="row")
         for (top, bottom), flaw in zip(grid.T, flaws, strict=True):
             of_flaw = [row for row in summaries if row["flaw"] == flaw]
-            for method, colour in zip(methods, COLOURS * len(methods), strict=False):
+            for method, colour in zip(methods, style.SERIES * len(methods), strict=False):
                 rows = [row for row in of_flaw if row["method"] == method]
                 x = [row["size"] for row in rows] if flaw else [float(methods.index(method))]
                 ends = [[100 * end for end in row["success_ci95"]] for row in rows]

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import pytest
 
 from browsed import made_runs
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import trial_file
 from trocar.report.browse import BrowseServer, Shelf, addresses
@@ -216,9 +216,7 @@ def test_new_trials_are_there_when_a_page_is_loaded_again(tmp_path):
     made_runs(tmp_path)
     with BrowseServer(Shelf([tmp_path]), 0) as pages:
         assert "1 of the run's 2 trials exist" in Read(pages.page("/runs/unfinished/")).text
-        path = trial_file(tmp_path / "unfinished", 1, 0)
-        path.parent.mkdir()
-        synthetic_trial(config(sessions=2, seed=9), session=1).save(path)
+        keep(synthetic_trial(config(sessions=2, seed=9), session=1), tmp_path / "unfinished")
         assert "1 of the run's 2 trials exist" not in Read(pages.page("/runs/unfinished/")).text
 
 

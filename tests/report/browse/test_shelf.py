@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from browsed import made_run
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.errors import BadFile, InvalidInput
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import Trial, trial_file
@@ -100,10 +100,7 @@ def test_headers_alone_are_read_and_only_of_what_has_changed(folder, tmp_path, r
     assert all(not trial.arrays and not trial.spans for run in shelf.runs() for trial in run.trials)
     assert len(read) == 13
 
-    run = config(sessions=2, seed=9)
-    path = trial_file(tmp_path / "lab" / "unfinished", 1, 0)
-    path.parent.mkdir()
-    synthetic_trial(run, session=1).save(path)
+    path = keep(synthetic_trial(config(sessions=2, seed=9), session=1), tmp_path / "lab" / "unfinished")
     changed = trial_file(tmp_path / "lab" / "other", 0, 1)
     changed.unlink()
     replace(synthetic_trial(config(sessions=2, trials=2, seed=8), 1), duration_s=50.0).save(changed)
