@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from trocar.arms import ARMS, capsules, fk
+from trocar.arms import ARMS, capsules, frames
+from trocar.arms.solids import parts_of
 from trocar.geometry import SE3, SO3
 from trocar.view.instrument import Instrument
 
@@ -15,13 +16,16 @@ OPEN_RAD = 0.7
 
 
 class Scene:
-    """Keeps the vertices of what is added, as viser's scene would."""
+    """Keeps what is added by its name, as viser's scene would."""
+
+    def __init__(self):
+        self.nodes = {}
 
     def add_frame(self, name, **how):
-        return SimpleNamespace(name=name, vertices_m=np.zeros((1, 3)))
+        return self.nodes.setdefault(name, SimpleNamespace())
 
     def add_mesh_simple(self, name, vertices_m, faces, **how):
-        return SimpleNamespace(name=name, vertices_m=vertices_m)
+        return self.nodes.setdefault(name, SimpleNamespace(vertices_m=vertices_m))
 
 
 def pose(node):
@@ -30,40 +34,28 @@ def pose(node):
 
 @pytest.fixture(params=sorted(ARMS))
 def drawn(request):
-    arm = ARMS[request.param]
+    arm, scene = ARMS[request.param], Scene()
     q = 0.6 * arm.lower + 0.4 * arm.upper
-    instrument = Instrument(Scene(), "/arm", arm)
+    instrument = Instrument(scene, "/arm", arm)
     instrument.show(BASE, q, OPEN_RAD)
-    return arm, q, instrument.parts
+    return arm, q, instrument, scene
 
 
-def test_its_jaws_are_at_the_tip_and_open_as_far_as_asked(drawn):
-    arm, q, parts = drawn
-    assert_allclose(pose(parts["jaws"]).matrix, (BASE @ fk(arm, q)).matrix, atol=1e-9)
-    left, right = (pose(parts[side]).rotation.matrix[:, 2] for side in ("left", "right"))
-    assert np.arccos(left @ right) == pytest.approx(OPEN_RAD, abs=1e-7)
+def test_every_part_hangs_on_its_link_and_every_link_is_at_its_frame(drawn):
+    arm, q, instrument, scene = drawn
+    assert {f"/arm/{part.link}/{part.name}" for part in parts_of(arm)} < scene.nodes.keys()
+    for link, node in instrument.links.items():
+        assert_allclose(pose(node).matrix, (BASE @ frames(arm, q))[link].matrix, atol=1e-9)
 
 
-def test_its_parts_hang_together_and_the_shaft_comes_through_the_remote_centre(drawn):
-    arm, _, parts = drawn
-    shaft, wrist, jaws = (pose(parts[part]) for part in ("shaft", "wrist", "jaws"))
-    assert_allclose(shaft.translation_m, wrist.translation_m, atol=1e-12)
-    assert_allclose(jaws.apply([0.0, 0.0, arm.tip_length_m]), wrist.apply([arm.wrist_length_m, 0.0, 0.0]), atol=1e-12)
-    line = shaft.apply([0.0, 0.0, arm.wrist_sign]) - shaft.translation_m
-    to_centre = BASE.translation_m - shaft.translation_m
-    assert_allclose(np.cross(line, to_centre), 0.0, atol=1e-12)
-    assert line @ to_centre > 0
-
-
-def test_it_is_drawn_within_the_capsules_that_planning_takes_it_for(drawn):
-    """Each capsule holds the whole solid; the end of the shaft behind the port is drawn flat: its line is endless."""
-    arm, q, parts = drawn
+def test_fingers_open_as_far_as_asked_within_the_capsules_that_planning_takes_them_for(drawn):
+    arm, q, instrument, _ = drawn
+    left, right = (pose(instrument.fingers[side]) for side in ("left", "right"))
+    assert np.arccos(left.rotation.matrix[:, 0] @ right.rotation.matrix[:, 0]) == pytest.approx(OPEN_RAD, abs=1e-7)
     solids = capsules(arm, q, OPEN_RAD).moved(BASE)
-    for number, part in enumerate(("shaft", "wrist", "left", "right")):
-        T = pose(parts[part]) if number < 2 else pose(parts["jaws"]) @ pose(parts[part])
-        drawn_m = T.apply(parts[part].vertices_m.astype(float))
+    for number, side in ((2, "left"), (3, "right")):
+        drawn_m = pose(instrument.fingers[side]).apply(instrument.fingers[side].vertices_m.astype(float))
         start, end = solids.ends_m[number]
-        along = (drawn_m - start) @ (end - start) / ((end - start) @ (end - start))
-        along = along if part == "shaft" else np.clip(along, 0.0, 1.0)
+        along = np.clip((drawn_m - start) @ (end - start) / ((end - start) @ (end - start)), 0.0, 1.0)
         away_m = np.linalg.norm(drawn_m - start - along[:, None] * (end - start), axis=1)
-        assert away_m.max() < solids.radii_m[number] + 1e-6, part
+        assert away_m.max() < solids.radii_m[number] + 1e-6, side

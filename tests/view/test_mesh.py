@@ -1,4 +1,4 @@
-"""Triangle meshes of solids, of an arm's links and of files."""
+"""Triangle meshes of solids and of the parts of an instrument."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from scipy.spatial import ConvexHull
 from triangles import edges_cancel, volume_m3
 
 from made_up_replay import made_up_replay
-from trocar.arms import ARMS, frames
+from trocar.arms import ARMS
+from trocar.arms.solids import parts_of
 from trocar.errors import TrocarError
 from trocar.geometry import SE3
 from trocar.replay import Solid
-from trocar.view import mesh
-from trocar.view.mesh import Mesh, body_parts, box, creased, hull, joined, solid_mesh, tube
+from trocar.view.mesh import Mesh, body_parts, box, creased, hull, joined, part_mesh, solid_mesh, tube
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -100,34 +100,21 @@ def test_faces_without_area_are_dropped():
     assert len(creased(flat).faces) == 1
 
 
-EACH_ARM = pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
-
-
-@EACH_ARM
-def test_pieces_of_an_instrument_are_closed_and_face_outwards(arm):
-    for piece in (mesh.shaft(arm), mesh.wrist_link(arm), mesh.finger(arm)):
-        assert edges_cancel(piece) and volume_m3(piece) > 0
-
-
-@EACH_ARM
-def test_the_shaft_comes_from_the_remote_centre_and_the_link_ends_at_the_jaws(arm):
-    T = frames(arm, arm.middle)
-    shaft = T[4].apply(mesh.shaft(arm).vertices_m.astype(float))
-    wrist, centre = T.matrix[4, :3, 3], np.zeros(3)
-    along = (shaft - wrist) @ (centre - wrist) / np.sum((centre - wrist) ** 2)
-    assert along.min() > -1e-6
-    assert along.max() > 1
-    link = T[5].apply(mesh.wrist_link(arm).vertices_m.astype(float))
-    assert np.linalg.norm(link - T.matrix[6, :3, 3], axis=1).min() < 1e-6
-
-
-@EACH_ARM
-def test_a_finger_points_down_and_lies_on_its_side_of_the_closing_plane(arm):
-    low, high = np.sort(mesh.finger(arm).vertices_m, axis=0)[[0, -1]].astype(float)
-    instrument = arm.instrument
-    assert_allclose([low[0], high[0]], [0.0, instrument.finger_base_m], atol=1e-9)
-    assert_allclose(high[1] - low[1], instrument.finger_width_m, rtol=1e-6)
-    assert_allclose([low[2], high[2]], [-instrument.finger_length_m, 0.0], atol=1e-9)
+@pytest.mark.parametrize("arm", ARMS.values(), ids=lambda arm: arm.name)
+def test_parts_of_an_instrument_are_closed_face_outwards_and_are_where_and_as_large_as_they_are(arm):
+    for part in parts_of(arm):
+        drawn = part_mesh(part)
+        assert edges_cancel(drawn) and volume_m3(drawn) > 0
+        points_m, start = drawn.vertices_m.astype(float), part.at_m[0]
+        if part.shape == "box":
+            assert_allclose([points_m.min(0), points_m.max(0)], start + np.outer([-0.5, 0.5], part.size_m), atol=1e-7)
+            continue
+        length = np.linalg.norm(part.at_m[1] - start)
+        along = (part.at_m[1] - start) / length
+        reach, cap = (points_m - start) @ along, part.size_m[0] * (part.shape == "capsule")
+        assert_allclose([reach.min(), reach.max()], [-cap, length + cap], atol=1e-7)
+        away = np.linalg.norm(points_m - start - reach[:, None] * along, axis=1)
+        assert away.max() == pytest.approx(part.size_m[0], abs=1e-7)
 
 
 RED, BLUE = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.5)

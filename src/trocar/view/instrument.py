@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from trocar.arms import ArmModel, frames
+from trocar.arms.solids import CARBON, parts_of
 from trocar.geometry import SE3, SO3
-from trocar.view import mesh
+from trocar.view.mesh import hull, part_mesh
 from trocar.view.stage import Rgb
 
 if TYPE_CHECKING:
@@ -17,50 +18,51 @@ if TYPE_CHECKING:
 
 STEEL: Rgb = (170, 176, 184)
 DARK: Rgb = (92, 98, 106)
-FRAMES = {"shaft": 4, "wrist": 5, "jaws": 7}
-"""Index in ``trocar.arms.frames`` of the frame in which each part is drawn."""
-FINGERS = {"left": 0.5, "right": -0.5}
-"""Each finger's share of the opening."""
+LINKS = (4, 5, 6)
+"""Links that carry solids: roll, wrist pitch, wrist yaw."""
+FINGERS = {"left": 1, "right": -1}
+"""Each finger's side of the closing plane."""
 
 
 class Instrument:
-    """Shaft, wrist and fingers: nodes ``NAME/shaft``, ``NAME/wrist``, ``NAME/jaws/left``, ``NAME/jaws/right``.
+    """The solids of an instrument: nodes ``NAME/4``, ``/5``, ``/6`` in the frames of links, ``NAME/left``, ``/right``.
 
     Args:
         scene: of the page.
         name: of the node above them.
         arm: model of its arm.
         shaft: colour of the shaft.
-        steel: colour of wrist and fingers.
+        steel: colour of all else.
         how: viser's options for all meshes, such as ``opacity``.
 
     Attributes:
-        parts: nodes by the names of the parts.
+        links: nodes by the numbers of the links.
+        fingers: nodes by their sides.
     """
 
     def __init__(
         self, scene: SceneApi, name: str, arm: ArmModel, shaft: Rgb = DARK, steel: Rgb = STEEL, **how: Any
     ) -> None:
-        def add(part: str, drawn: mesh.Mesh, colour: Rgb) -> Any:
-            return scene.add_mesh_simple(f"{name}/{part}", drawn.vertices_m, drawn.faces, color=colour, **how)
-
         self._arm, self._root = arm, scene.add_frame(name, show_axes=False)
-        self.parts: dict[str, Any] = {
-            "shaft": add("shaft", mesh.shaft(arm), shaft),
-            "wrist": add("wrist", mesh.wrist_link(arm), steel),
-            "jaws": scene.add_frame(f"{name}/jaws", show_axes=False),
-            **{side: add(f"jaws/{side}", mesh.finger(arm), steel) for side in FINGERS},
-        }
+        self.links = {link: scene.add_frame(f"{name}/{link}", show_axes=False) for link in LINKS}
+        for part in parts_of(arm):
+            drawn, colour = part_mesh(part), shaft if part.rgb == CARBON else steel
+            scene.add_mesh_simple(f"{name}/{part.link}/{part.name}", drawn.vertices_m, drawn.faces, color=colour, **how)
+        self.fingers: dict[str, Any] = {}
+        for finger, side in FINGERS.items():
+            drawn = hull(arm.instrument.finger_m(side))
+            self.fingers[finger] = scene.add_mesh_simple(
+                f"{name}/{finger}", drawn.vertices_m, drawn.faces, color=steel, **how
+            )
 
     def show(self, T_world_base: SE3, q: ArrayLike, jaw_rad: float) -> None:
         """Draw the instrument at these joints (6,), with jaws open by this angle."""
-        T_world_frame = T_world_base @ frames(self._arm, q)
-        for part, frame in FRAMES.items():
-            put(self.parts[part], T_world_frame[frame])
-        for side, share in FINGERS.items():
-            half = SO3.identity() if share > 0 else SO3.axis("z", math.pi)
-            turn = SO3.axis("y", -share * jaw_rad) @ half
-            put(self.parts[side], SE3.from_parts(turn, [0.0, 0.0, self._arm.tip_length_m]))
+        T_world_link = T_world_base @ frames(self._arm, q)
+        for link, node in self.links.items():
+            put(node, T_world_link[link])
+        for finger, side in FINGERS.items():  # at rest it points along y of the last link, and turns about its z
+            turn = SO3.axis("z", 0.5 * (math.pi + side * jaw_rad))
+            put(self.fingers[finger], T_world_link[LINKS[-1]] @ SE3.from_parts(turn))
 
     def remove(self) -> None:
         """Remove it from the scene."""

@@ -1,4 +1,4 @@
-"""Triangle meshes of solids, of an arm's links and of files."""
+"""Triangle meshes of solids and of the parts of an instrument."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
-from trocar.arms import ArmModel
+from trocar.arms.solids import Part
 from trocar.errors import InvalidInput
-from trocar.geometry import SE3, TURN
+from trocar.geometry import SE3, SO3, TURN
 from trocar.replay import SHAPES, Solid
 
 CREASE_RAD = math.radians(30.0)  # faces that meet at a smaller angle are shaded as one rounded surface
@@ -154,21 +154,14 @@ def _carried(along: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array(found)
 
 
-def shaft(arm: ArmModel) -> Mesh:
-    """Return the instrument's shaft in frame 4, from the wrist back towards the remote centre."""
-    back = np.array([0.0, 0.0, arm.wrist_sign])
-    return tube([0 * back, arm.instrument.shaft_length_m * back], arm.instrument.shaft_radius_m)
-
-
-def wrist_link(arm: ArmModel) -> Mesh:
-    """Return the piece between wrist pitch and yaw in frame 5."""
-    return tube([[0.0, 0.0, 0.0], [arm.wrist_length_m, 0.0, 0.0]], arm.instrument.wrist_radius_m)
-
-
-def finger(arm: ArmModel) -> Mesh:
-    """Return one finger in a frame on the jaw axis; it points along -z and closes against the plane x = 0."""
-    T_jaw_joint = SE3(np.array([[0.0, 1, 0, 0], [0, 0, -1, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]))
-    return hull(T_jaw_joint.apply(arm.instrument.finger_m(1)))
+def part_mesh(part: Part) -> Mesh:
+    """Return a part of an instrument in the frame of its link."""
+    if part.shape == "box":
+        return box(0.5 * np.array(part.size_m)).moved(SE3.from_parts(translation_m=part.at_m[0]))
+    start, end = part.at_m
+    along = SE3.from_parts(SO3.between([0.0, 0.0, 1.0], end - start), 0.5 * (start + end))
+    make = _capsule if part.shape == "capsule" else _cylinder
+    return make(part.size_m[0], 0.5 * float(np.linalg.norm(end - start))).moved(along)
 
 
 def body_parts(solids: Iterable[Solid]) -> dict[str, dict[Rgba, Mesh]]:

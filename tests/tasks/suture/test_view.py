@@ -9,7 +9,7 @@ from matplotlib.colors import Normalize
 from numpy.testing import assert_allclose
 from triangles import edges_cancel, volume_m3
 
-from trocar.arms import RAVEN2_LEFT, fk
+from trocar.arms import RAVEN2_LEFT, fk, frames
 from trocar.errors import InvalidValue, OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.report.style import PATHS
@@ -52,8 +52,9 @@ def pose(node):
 
 
 def jaw_tip(view):
-    """Return where the drawn jaws' frame is: the arm's tip."""
-    return pose(view._instrument.parts["jaws"])
+    """Return where the tip is from the drawn link that carries the jaws."""
+    at_zero = frames(view.setup.arm, np.zeros(6))
+    return pose(view._instrument.links[6]) @ at_zero[6].inverse() @ at_zero[7]
 
 
 @pytest.mark.parametrize(("number", "place"), [(0, 0), (1, 20), (2, 47), (3, 95)])

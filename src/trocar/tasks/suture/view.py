@@ -93,7 +93,7 @@ class PlanView:
     """A plan drawn in a browser, with a menu of its sutures and a slider along the needle primitive.
 
     Lengths are in metres, in the world's frame, z up. Nodes of the scene: ``/circle`` (tissue, rim, arrows, rings; in
-    its frame), ``/needle``, and ``/arm/shaft``, ``/arm/wrist``, ``/arm/jaws`` in the arm's frames 4, 5 and 7.
+    its frame), ``/needle``, and ``/arm`` with the instrument.
 
     Attributes:
         server: the viser server.
