@@ -2,7 +2,6 @@
 
 import re
 from functools import cache
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -109,22 +108,14 @@ def test_values_say_what_they_are_in_a_line_or_two(name):
     assert re.search(words, text), text
 
 
-class Cells(HTMLParser):
-    """Counts rows and cells, and notes tags that are none of a table's."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.tags = []
-        self.feed(page)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
+def tags_of(page):
+    return re.findall(r"<(\w+)", page)
 
 
 @pytest.mark.parametrize("name", TABLES)
 def test_tables_are_html_whose_rows_are_as_long_as_their_head(name):
     make, _ = VALUES[name]
-    tags = Cells(make()._repr_html_()).tags
+    tags = tags_of(make()._repr_html_())
     assert set(tags) <= {"div", "table", "thead", "tbody", "tr", "th", "td"}
     rows, columns = tags.count("tr") - 1, tags.count("th")
     assert columns >= 2 and tags.count("td") == rows * columns
@@ -132,7 +123,7 @@ def test_tables_are_html_whose_rows_are_as_long_as_their_head(name):
 
 def test_what_stands_in_a_table_is_escaped_and_a_long_one_is_cut():
     page = table("<script>", ["<b>"], [["<img src=x>"]] * (SHOWN_ROWS + 3))
-    assert set(Cells(page).tags) == {"div", "table", "thead", "tbody", "tr", "th", "td"}
+    assert set(tags_of(page)) == {"div", "table", "thead", "tbody", "tr", "th", "td"}
     assert "and 3 more" in page and page.count("&lt;img") == SHOWN_ROWS
 
 
