@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Self
 
@@ -171,13 +172,9 @@ class HardwareLaboratory:
                 self.log.listener = None
                 nursery.cancel_scope.cancel()
                 with resting:
-                    while self.robot.gone is None:
-                        try:
+                    while self.robot.gone is None and not resting.cancel_called:
+                        with suppress(BaseException):  # Ctrl-C again: the arms must still come to rest
                             await self.robot.attend()
-                        except trio.Cancelled:
-                            raise
-                        except BaseException:  # Ctrl-C again: the arms must still come to rest
-                            continue
             raise
 
     def close(self) -> None:
