@@ -13,6 +13,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -85,11 +86,15 @@ def trials_then(root: Path, measurement: Measurement, before: Record, line: str,
     Raises:
         TrocarError: the command ends with an error.
     """
-    code = root / "out" / "figures" / f"code-{before.digest[:8]}"
-    if not unpack(root, before.same_at or before.commit, code) or digest_of(code, measurement.sources) != before.digest:
+    code = root / "out" / "figures" / f"code-of-{measurement.name}-{before.digest[:8]}"
+    if not unpack(root, before.same_at or before.commit, code):
         return None
-    _run(code, line)
-    return first_trials(code / folder)
+    found = None
+    if digest_of(code, measurement.sources) == before.digest:
+        _run(code, line)
+        found = first_trials(code / folder)
+    shutil.rmtree(code)
+    return found
 
 
 def first_trials(folder: Path) -> dict[str, str]:

@@ -63,11 +63,13 @@ def unpack(root: Path, commit: str, folder: Path) -> bool:
     if folder.is_dir():
         return True
     folder.parent.mkdir(parents=True, exist_ok=True)
-    archive = folder.with_suffix(".tar")
+    archive, part = folder.with_suffix(".tar"), folder.with_suffix(".part")
     if _git(root, "archive", f"--output={archive}", commit) is None:
         return False
-    shutil.unpack_archive(archive, folder, filter="data")
+    shutil.rmtree(part, ignore_errors=True)
+    shutil.unpack_archive(archive, part, filter="data")
     archive.unlink()
+    part.rename(folder)  # only once it is whole: what was interrupted is written anew
     return True
 
 

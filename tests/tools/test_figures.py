@@ -282,8 +282,10 @@ def test_figures_are_carried_over_on_a_machine_whose_last_bits_are_others(reposi
     before = json.loads(record.read_text())
     change(text.replace("2.0 * session", "float(session + session)"))
     monkeypatch.setenv("MACHINE", "another")
+    code = repository / f"out/figures/code-of-trials-{before['digest'][:8]}"
+    code.with_suffix(".part").mkdir(parents=True)  # somebody stopped it while the files of that code were written
     assert figures.main(["measure", "trials"], repository) == 0
-    assert made() == [0, 1] and (repository / f"out/figures/code-{before['digest'][:8]}/trials.py").read_text() == text
+    assert made() == [0, 1] and not [*code.parent.glob("code-of-*")]
     after = json.loads(record.read_text())
     assert (after["values"], after["commit"]) == (before["values"], before["commit"]) and after["same_at"]
     assert after["trials"].keys() == before["trials"].keys() and after["trials"] != before["trials"]
