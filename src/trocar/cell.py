@@ -248,7 +248,8 @@ class GoalOffer:
     Attributes:
         arm: the arm that begins it.
         words: what would be done, as the rest of a sentence that begins with the arm's name.
-        path_world_m: (n, 3) places in the world through which it leads, from where something is taken to its end.
+        path_world_m: (n, 3) places in the world through which it leads, from where something is taken to its end;
+            the console draws two of them as an arc.
     """
 
     arm: str

@@ -149,7 +149,7 @@ def test_a_goal_waits_for_one_yes():
     assert after_first_s < 1.1 + MOTION.duration_s + back.duration_s and desk.arms.now_s() > 9.0
 
 
-GOALS = [GoalOffer("a", f"takes block {k}", np.full((2, 3), 0.01 * k)) for k in range(3)]
+GOALS = [GoalOffer("a", f"takes block {k}", np.full((3, 3), 0.01 * k)) for k in range(3)]
 
 
 class Choosing(Desk):

@@ -8,6 +8,7 @@ import pytest
 
 from driven import ARM, HOME, PAPER
 from trocar.arms import fk
+from trocar.cell import GoalOffer
 from trocar.console.question import Question
 from trocar.geometry import SE3
 from trocar.motion import rest_to_rest
@@ -52,3 +53,12 @@ def test_it_says_how_near_the_arms_come():
 
 def test_it_says_nothing_of_that_while_the_other_arm_moves():
     assert "apart" not in about({"a": MOTION}, moving=True).words
+
+
+def test_a_goal_between_two_places_is_drawn_over_what_stands_between_them():
+    robot = SimpleNamespace(setpoint=lambda arm: SimpleNamespace(q=HOME), read=lambda arm: SimpleNamespace(jaw_rad=0.3))
+    cell = SimpleNamespace(arms={"a": ARM}, T_world_base_registered=BASES, robot=robot)
+    ends_m = np.array([[0.1, 0.2, 0.01], [0.16, 0.2, 0.03]])
+    path_m = Question.of(cell, [GoalOffer("a", "takes it", ends_m)]).ghosts["a"].path_m
+    np.testing.assert_allclose(path_m[[0, -1]], ends_m)
+    assert path_m[len(path_m) // 2, 2] == pytest.approx(0.02 + 0.05) and (np.diff(path_m[:, 0]) > 0).all()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import trio
+from numpy.typing import NDArray
 
 from trocar.arms import fk
 from trocar.cell import Cell, GoalOffer
@@ -18,6 +19,8 @@ from trocar.view.console_view import Ghost
 
 PATH_STEP_S = 0.02
 """Time between two points of a displayed path."""
+ARC_M, ARC_POINTS = 0.05, 21
+"""Height of the arc, over the straight line, in which a goal between two places is drawn: over what stands between."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +91,15 @@ def _choice(cell: Cell, goal: GoalOffer) -> Choice:
     """Return a goal as a choice: a line along its path, and the arm where it is."""
     arm = goal.arm
     q, jaw_rad = cell.robot.setpoint(arm).q, cell.robot.read(arm).jaw_rad
-    ghost = Ghost(cell.arms[arm], cell.T_world_base_registered[arm], goal.path_world_m, q, jaw_rad)
+    path_m = _arc(goal.path_world_m) if len(goal.path_world_m) == 2 else goal.path_world_m
+    ghost = Ghost(cell.arms[arm], cell.T_world_base_registered[arm], path_m, q, jaw_rad)
     return Choice(f"{arm} {goal.words}", {arm: ghost})
+
+
+def _arc(ends_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (n, 3) of an arc between two places (2, 3) in the world."""
+    share = np.linspace(0.0, 1.0, ARC_POINTS)[:, None]
+    return (1 - share) * ends_m[0] + share * ends_m[1] + 4 * ARC_M * share * (1 - share) * [0.0, 0.0, 1.0]
 
 
 def _apart(cell: Cell, motions: Mapping[str, Trajectory]) -> list[str]:
