@@ -1,4 +1,6 @@
-"""Who may open a page's socket."""
+"""Who may open a page's socket, and how a page is woken from other threads."""
+
+import asyncio
 
 import pytest
 
@@ -8,7 +10,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from trocar.view.server import close_server, open_server
+from trocar.view.server import LoopEvent, close_server, open_server
 
 
 @pytest.fixture(scope="module")
@@ -37,3 +39,28 @@ def test_a_website_may_not(server, origin):
     """A browser lets every website open a socket to any port of this machine, and says whose it is."""
     with pytest.raises(InvalidStatus, match="403"):
         opened(server, origin)
+
+
+def test_another_thread_wakes_nobody_by_itself():
+    """asyncio's own event runs through its list of waiting tasks there, while the loop may be adding to it."""
+
+    async def woken():
+        event = LoopEvent(asyncio.get_running_loop())
+        waiter = asyncio.create_task(event.wait())
+        await asyncio.to_thread(event.set)
+        await asyncio.sleep(0.01)
+        before = event.is_set(), waiter.done()
+        await asyncio.to_thread(asyncio.get_running_loop().call_soon_threadsafe, event.set)
+        await asyncio.wait_for(waiter, 20)
+        return before
+
+    assert asyncio.run(woken()) == (False, False)
+
+
+def test_a_page_and_its_clients_are_woken_so(server):
+    of_all = server._websock_server
+    with opened(server, None) as socket:
+        socket.recv(timeout=20)
+        (client,) = of_all._client_state_from_id.values()
+        events = [buffer.message_event for buffer in (of_all.get_message_buffer(), client.message_buffer)]
+        assert [type(event) for event in events] == [LoopEvent, LoopEvent]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import rich
@@ -35,6 +36,7 @@ def open_server(port: int) -> ViserServer:
         from viser import ViserServer  # an extra
     except ImportError:
         raise NotInstalled("3D in the browser", "viser", "view") from None
+    _wake_in_the_loop_only()
     with _quiet(), _own_pages_only():
         return ViserServer(host=LOCAL, port=port, verbose=False)
 
@@ -70,6 +72,44 @@ _CONSOLE = threading.Lock()
 
 OWN = re.compile(r"https?://(127\.0\.0\.1|localhost)(:\d+)?")
 """Origins of this machine's own pages, also if a forwarded port takes them to another machine."""
+
+
+class LoopEvent(asyncio.Event):
+    """An event that threads other than that of its event loop may set; there, this does nothing.
+
+    Args:
+        loop: the event loop.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._of = loop
+
+    def set(self) -> None:
+        """Wake those who wait, if called in the loop's thread."""
+        try:
+            running = asyncio.get_running_loop()
+        except RuntimeError:
+            return
+        if running is self._of:
+            super().set()
+
+
+@cache
+def _wake_in_the_loop_only() -> None:
+    """Have viser's threads wake its event loop safely, in all servers of this process.
+
+    With each message, viser 1.1.1 both asks its loop to set an event, as it should, and sets it from the present
+    thread. Doing that raises an error if the loop begins to wait at the same moment, which ended the page.
+    """
+    from viser.infra import _async_message_buffer, _infra
+
+    class Buffer(_async_message_buffer.AsyncMessageBuffer):
+        def __init__(self, event_loop: asyncio.AbstractEventLoop, *args: object, **how: object) -> None:
+            super().__init__(event_loop, *args, **how)  # type: ignore[arg-type]
+            self.message_event = LoopEvent(event_loop)
+
+    _infra.AsyncMessageBuffer = Buffer  # pyright: ignore[reportPrivateImportUsage]
 
 
 @contextmanager
