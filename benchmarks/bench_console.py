@@ -5,6 +5,8 @@ moves a device whose position trembles. It plans nothing: it goes above a block,
 down, opens, and corrects the errors that it sees on the way, at the cell's own pace.
 
 Run: .venv/bin/python benchmarks/bench_console.py --seed 31
+Ten demonstrations of one transfer each, as a run that `trocar export` takes:
+     .venv/bin/python benchmarks/bench_console.py --transfers 1 --trials 10 --out out/person
 """
 
 from __future__ import annotations
@@ -25,8 +27,8 @@ import numpy as np
 from trocar.arms import fk
 from trocar.console import Watch
 from trocar.eval.config import RunConfig
-from trocar.eval.prepare import prepare
-from trocar.eval.run import run_trial
+from trocar.eval.folder import load_trials, open_folder
+from trocar.eval.jobs import play_run
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3, SO3
 from trocar.sim.laboratory import SimLaboratory
@@ -52,8 +54,8 @@ TRIES = 3
 ARM = "psm1"
 
 
-class Person(threading.Thread):
-    """Speaks to the console as any device does.
+class Person:
+    """Speaks to the console as any device does, in a thread of its own for each trial.
 
     Args:
         port: of the console's inputs.
@@ -63,13 +65,17 @@ class Person(threading.Thread):
     """
 
     def __init__(self, port: int, late_s: float, tremor_m: float, rng: np.random.Generator):
-        super().__init__(daemon=True)
         self.port, self.late_s, self.tremor_m, self.rng = port, late_s, tremor_m, rng
-        self.views: deque[tuple[float, dict[str, SE3]]] = deque(maxlen=400)
         self.laboratory: SimLaboratory | None = None
-        self.scene: Any = None
-        self.goals: Sequence[Transfer] = ()
+
+    def begin(self, laboratory: SimLaboratory, goals: Sequence[Transfer]) -> None:
+        """Begin with a trial."""
+        self.views: deque[tuple[float, dict[str, SE3]]] = deque(maxlen=400)
+        self.scene: Any = laboratory.task._scene
+        self.laboratory, self.goals = laboratory, goals
         self.hand, self.turned, self.shake = np.zeros(3), SO3.exp(np.zeros(3)), np.zeros(3)
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
 
     def look(self) -> None:
         """Note the true poses of now; called on the cell's thread."""
@@ -198,8 +204,6 @@ class Seat(Watch):
     def attend(self, config: RunConfig, laboratory: SimLaboratory) -> None:
         """Show the laboratory to the person, who begins."""
         super().attend(config, laboratory)
-        self.person.laboratory, self.person.goals = laboratory, config.task.goals()
-        self.person.scene = laboratory.task._scene
         show = self.console._show
 
         def both() -> None:
@@ -207,27 +211,29 @@ class Seat(Watch):
             self.person.look()
 
         self.console._show = both
-        self.person.start()
+        self.person.begin(laboratory, config.task.goals())
 
-    def play(self, config: RunConfig) -> Trial:
-        """Play a trial with the person at the console, and return it."""
-        with TemporaryDirectory() as folder:
-            return run_trial(config, prepare(config, 0, folder), 0, attendant=self, raise_errors=True)
+    def play(self, config: RunConfig, out: Path | None) -> None:
+        """Play the trials of a run with the person at the console, print how they ended, and keep them in ``out``."""
+        with TemporaryDirectory() as aside:
+            folder = out or Path(aside)
+            for wrong in play_run(config, folder, open_folder(config, folder), attendant=self, raise_errors=True):
+                print(wrong)
+            for trial in load_trials(folder)[0]:
+                print_trial(trial)
 
 
-def print_trial(trial: Trial, out: Path | None) -> None:
-    """Print the outcome of a trial, and save it if ``out`` is given."""
+def print_trial(trial: Trial) -> None:
+    """Print the outcome of a trial."""
     done = sum(score["succeeded"] for score in trial.scores)
     print(f"{done} of {len(trial.scores)} transfers in {trial.duration_s:.0f} s, {len(trial.collisions)} collisions")
     print(f"ended {trial.ended} {trial.reason}")
     for number, score in enumerate(trial.scores, 1):
         print(number, score)
-    if out:
-        trial.save(out)
 
 
 def main() -> None:
-    """Run one trial."""
+    """Run the trials."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--late", type=float, default=0.2, help="Seconds by which the person sees late.")
@@ -235,13 +241,14 @@ def main() -> None:
     parser.add_argument("--transfers", type=int, default=12)
     parser.add_argument("--speed", type=float, default=1.0, help="Seconds of the cell's clock a second.")
     parser.add_argument("--method", default="person")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--trials", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="Folder of the run; default: it is not kept.")
     given = parser.parse_args()
-    config = RunConfig(PegTransfer(transfers=given.transfers, budget_s=600.0), method=given.method, seed=given.seed)
+    task = PegTransfer(transfers=given.transfers, budget_s=600.0)
+    config = RunConfig(task, method=given.method, seed=given.seed, trials=given.trials)
     person = Person(0, given.late, 1e-3 * given.tremor_mm, np.random.default_rng(given.seed))
     with Seat(person, speed=given.speed, port=None, inputs=0) as seat:
-        trial = seat.play(config)
-    print_trial(trial, given.out)
+        seat.play(config, given.out)
     p50, p95 = 1e3 * np.percentile(seat.latencies_s, (50, 95))
     print(f"from the hand to the set-point: p50 {p50:.0f} ms, p95 {p95:.0f} ms")
 

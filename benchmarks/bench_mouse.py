@@ -1,8 +1,9 @@
-"""One transfer by the mouse alone: a headless Chromium drags the handle's axes and arcs, and presses close and open.
+"""One transfer by the mouse alone: a headless Chromium drags the handle's axes and arcs, and presses the jaws' buttons.
 
 The scripted person of `bench_console.py` sees the true poses of tip and blocks, and acts in the browser: it projects
 the handle's axes into the picture with the page's camera, presses the mouse on one, drags it by the visible error along
-it, waits until the arm has followed, lets go, and looks again.
+it, waits until the arm has followed, lets go, and looks again. At first it brings the board into the middle with the
+right button, and nearer with the wheel, since the handle is small.
 
 Run: .venv/bin/python benchmarks/bench_mouse.py --seed 31
 """
@@ -12,11 +13,12 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_console import ARM, Person, Seat, print_trial
+from bench_console import ARM, Person, Seat
 
 from trocar.eval.config import RunConfig
 from trocar.geometry import SE3, SO3
@@ -26,9 +28,11 @@ from trocar.view.console_view import HANDLE_M, Wish
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "view"))
 from browser import browser
 
-SIZE = (900, 560)
+SIZE = (1300, 900)
 FINENESS = 0.15
 """Pixels drawn per pixel of the page, on each axis: without a graphics card, drawing is slow."""
+MIDDLE, WIDE, WHEELS = (0.5, 0.6), 0.4, 40
+"""Where in the picture the board is brought, and how wide: shares of the picture; turns of the wheel at most."""
 ARROW, ARC = 0.85 * HANDLE_M, 0.65 * HANDLE_M
 """Where an axis is grasped, from the handle's middle, and the radius of its arcs."""
 STEPS = 2
@@ -37,9 +41,13 @@ TURN_RAD = 0.6
 """Largest turn in one drag."""
 NEAR_STEP_M, FAR_M = 8e-3, 0.05
 """Largest drag along an axis when the goal is nearer than ``FAR_M``: the arm does not follow in a straight line."""
-LOOKS = 12
+LOOKS = 20
 """Rounds of looking and dragging on the way to one goal, at most."""
-NEAR_M, NEAR_RAD = 1.5e-3, 0.15
+NEAR_M, NEAR_RAD = 1.0e-3, 0.12
+BESIDE_M = 1.2e-3
+"""Near a goal, the tip goes down only where it is at most this far beside the way."""
+WORSE = 1.3
+"""If the wrist does not turn any further, its orientation is accepted until it is off by this many times as much."""
 SENT_S = 0.3
 STILL_M, STILL_S, PATIENCE_S, LATE_S = 5e-4, 0.5, 8.0, 60.0
 HANDLE = f"window.__viserMutable.nodePoseData['/handles/{ARM}']"
@@ -72,7 +80,7 @@ class Mouse(Person):
     """
 
     def __init__(self, watch: Seat):
-        super().__init__(0, 0.0, 0.0, np.random.default_rng(0))
+        super().__init__(0, 0.0, 0.0, np.random.default_rng(0))  # sees at once, and does not tremble
         self.watch, self.jaws, self.drags = watch, -1.0, 0
         self.wrong: BaseException | None = None
 
@@ -85,6 +93,7 @@ class Mouse(Person):
                 page.until(f"!!window.__viserMutable?.camera && !!{HANDLE}")
                 page.quiet()
                 self.find()
+                self.come_near()
                 for source, target in self.goals:
                     self.transfer(source, target)
             except BaseException as error:
@@ -93,26 +102,52 @@ class Mouse(Person):
             while not self.watch.console._done.is_set():
                 time.sleep(0.1)
 
+    def come_near(self) -> None:
+        """Drag the picture and turn the wheel until the board fills it."""
+        size = np.array(self.page.evaluate("(c => [c.clientWidth, c.clientHeight])(document.querySelector('canvas'))"))
+        pegs_m = self.scene.T_world_board.apply(self.scene.board.pegs_m)
+        for _ in range(WHEELS):
+            pegs = np.array(self.page.evaluate(f"{PROJECT}({pegs_m.tolist()})"))
+            if np.ptp(pegs[:, 0]) > WIDE * size[0]:
+                return
+            self.pull(size / 2 + np.linspace(0.0, 1.0, STEPS + 1)[:, None] * (MIDDLE * size - pegs.mean(0)), "right", 2)
+            x, y = size / 2
+            self.page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-300)
+            self.page.evaluate(DRAWN)
+
     def go(self, goal: SE3, jaw: float, of: str = "tip") -> None:
         """Drag axes and arcs until the tip, or the block that it holds, is seen at its goal."""
         self.press(jaw)
-        refused_rad = np.inf
+        refused_rad = 0.0
         for _ in range(LOOKS):
-            turn = self.twist(goal, of)
-            if NEAR_RAD < np.linalg.norm(turn) < refused_rad:
-                self.turn(turn)
-                if np.linalg.norm(self.twist(goal, of)) > 0.9 * np.linalg.norm(turn):
-                    refused_rad = NEAR_RAD  # the wrist turns no further: accept its orientation
-            limit_m = NEAR_STEP_M if np.linalg.norm(self.off(goal, of)) < FAR_M else np.inf
-            for axis in np.argsort(-np.abs(self.handle.rotation.matrix.T @ self.off(goal, of))):
-                step = self.handle.rotation.matrix[:, axis]
-                away = float(np.clip(step @ self.off(goal, of), -limit_m, limit_m))
-                if abs(away) > NEAR_M / 2:
-                    start = self.handle.translation_m + ARROW * step
-                    self.drag(start + away * np.linspace(0.0, 1.0, STEPS + 1)[:, None] * step)
-            turned_rad = np.linalg.norm(self.twist(goal, of))
-            if np.linalg.norm(self.off(goal, of)) < NEAR_M and turned_rad < max(NEAR_RAD, refused_rad < np.inf):
-                return
+            turn_rad = np.linalg.norm(self.twist(goal, of))
+            if turn_rad > max(NEAR_RAD, WORSE * refused_rad):
+                self.turn(self.twist(goal, of))
+                refused_rad = turn_rad if np.linalg.norm(self.twist(goal, of)) > 0.9 * turn_rad else 0.0
+            self.shift(goal, of)
+            off_m, turn_rad = np.linalg.norm(self.off(goal, of)), np.linalg.norm(self.twist(goal, of))
+            if off_m < NEAR_M and turn_rad < max(NEAR_RAD, WORSE * refused_rad):
+                break
+        off_mm = np.round(1e3 * self.off(goal, of), 1)
+        where = f"{off_mm} mm and {turn_rad:.2f} rad from its goal after {self.drags} drags"
+        print(f"{self.now_s():.0f} s: the {of.replace('_', ' ')} is {where}", flush=True)
+
+    def shift(self, goal: SE3, of: str) -> None:
+        """Drag each axis by the error along it: the largest first, or near the goal those along the board first."""
+        near = np.linalg.norm(self.off(goal, of)) < FAR_M
+        errors_m = np.abs(self.handle.rotation.matrix.T @ self.off(goal, of))
+        upright = np.abs(self.handle.rotation.matrix[2])
+        for axis in np.argsort(upright if near else -errors_m):
+            step, off = self.handle.rotation.matrix[:, axis], self.off(goal, of)
+            away_m = step @ off
+            beside_m = np.linalg.norm(off - away_m * step)
+            down = near and axis == upright.argmax() and off[2] < 0.0
+            if abs(away_m) < NEAR_M / 2 or (down and beside_m > BESIDE_M):
+                continue
+            if near:
+                away_m = np.clip(away_m, -NEAR_STEP_M, NEAR_STEP_M)
+            start = self.handle.translation_m + ARROW * step
+            self.drag(start + away_m * np.linspace(0.0, 1.0, STEPS + 1)[:, None] * step)
 
     def twist(self, goal: SE3, of: str) -> np.ndarray:
         """Return the rotation vector (3,) from the orientation that is seen to the goal's."""
@@ -136,19 +171,22 @@ class Mouse(Person):
         """Press the mouse on the first of some points (n, 3) of the world, drag it over them, wait, and let go."""
         if self.watch.console.standing.stopped:  # as when a busy browser lost its connection and found it again
             self.page.press("Go on")
-        pixels = self.page.evaluate(f"{PROJECT}({points_m.tolist()})")
-        for number, (x, y) in enumerate([pixels[0], pixels[0], *pixels]):
-            kind = "mousePressed" if number == 1 else "mouseMoved"
-            held = {"button": "left", "buttons": 1, "clickCount": 1} if number else {}
+        self.pull(self.page.evaluate(f"{PROJECT}({points_m.tolist()})"), "left", 1, self.rest)
+        self.drags += 1
+        self.rest()
+        self.find()
+
+    def pull(self, pixels: Any, button: str, number: int, before_end: Callable[[], None] = lambda: None) -> None:
+        """Press a button of the mouse, of this number, at the first of some pixels, drag it over them, and let go."""
+        for count, (x, y) in enumerate([pixels[0], pixels[0], *pixels]):
+            kind = "mousePressed" if count == 1 else "mouseMoved"
+            held = {"button": button, "buttons": number, "clickCount": 1} if count else {}
             self.page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **held)
             time.sleep(0.06)
         self.page.evaluate(DRAWN)  # all of that has come to the page, and goes to the console
         time.sleep(SENT_S)
-        self.rest()
-        self.page.call("Input.dispatchMouseEvent", type="mouseReleased", button="left", clickCount=1, x=x, y=y)
-        self.drags += 1
-        self.rest()
-        self.find()
+        before_end()
+        self.page.call("Input.dispatchMouseEvent", type="mouseReleased", button=button, clickCount=1, x=x, y=y)
 
     def rest(self) -> None:
         """Wait until the tip stands still, for ``PATIENCE_S`` at most."""
@@ -179,7 +217,7 @@ class Mouse(Person):
         """Have the jaws open or close."""
         if jaw != self.jaws:
             self.jaws = jaw
-            self.page.press("open" if jaw > 0 else "close")
+            self.page.press("a third" if jaw > 0 else "close")
             self.sleep(1.0)
 
 
@@ -202,13 +240,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--transfers", type=int, default=1)
     parser.add_argument("--speed", type=float, default=1.0, help="Seconds of the cell's clock a second.")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--method", default="person", help="person, or person-calibrated.")
+    parser.add_argument("--out", type=Path, help="Folder of the run; default: it is not kept.")
     given = parser.parse_args()
-    config = RunConfig(PegTransfer(transfers=given.transfers, budget_s=1800.0), method="person", seed=given.seed)
+    config = RunConfig(PegTransfer(transfers=given.transfers, budget_s=1800.0), method=given.method, seed=given.seed)
     with MouseSeat(given.speed) as seat:
-        trial = seat.play(config)
-        seat.person.join()
-    print_trial(trial, given.out)
+        seat.play(config, given.out)
+        seat.person.thread.join()
     print(f"{seat.person.drags} drags, in which the page told {seat.said.count(Wish.HOLD)} places")
     if seat.person.wrong is not None:
         raise seat.person.wrong

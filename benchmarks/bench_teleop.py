@@ -27,7 +27,7 @@ from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.view.console_view import Said, Wish
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "view"))
-from bench_console import Person, Seat, print_trial
+from bench_console import Person, Seat
 from browser import Page, browser
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "teleop_phone.py"
@@ -138,7 +138,7 @@ def main() -> None:
     parser.add_argument("--python", required=True, help="A Python that has teleop (0.1.5).")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--speed", type=float, default=1.0, help="Seconds of the cell's clock a second.")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=Path, help="Folder of the run; default: it is not kept.")
     given = parser.parse_args()
     config = RunConfig(PegTransfer(transfers=1), method="person", seed=given.seed)
     with browser() as page:
@@ -147,8 +147,7 @@ def main() -> None:
             person.start_page(port)
             hear = seat._inputs.said
             seat._inputs.said = lambda: [person.note(said) or said for said in hear()]
-            trial = seat.play(config)
-    print_trial(trial, given.out)
+            seat.play(config, given.out)
     for way, delays_s in (("telephone to console", person.delays_s), ("console to set-point", seat.latencies_s)):
         p50, p95 = 1e3 * np.percentile(delays_s, (50, 95))
         print(f"{way}: p50 {p50:.0f} ms, p95 {p95:.0f} ms ({len(delays_s)} poses)")

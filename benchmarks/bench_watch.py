@@ -3,16 +3,17 @@
 Three parts, one after another:
 
 cost: the same short trial unwatched, and watched with no browser, one, and two (headless Chromiums, which draw without
-a graphics card on the same cores), in turn, as fast as they can. Printed: wall time and processor time of the run's
-process, divided by those of the unwatched trial before it.
+a graphics card on the same cores: see --fineness), in turn, as fast as they can. Printed: wall time and processor time
+of the run's process, divided by those of the unwatched trial before it.
 
 pace: a trial at the pace of the wall clock, with one browser and with two. Printed, per second: moments shown, batches
-of poses that a browser got, frames that it drew, and camera images.
+of poses that a browser got, frames that it drew, and camera images; and the processor time that the page's process
+needs for a moment, here and on the machine for which computing times are declared.
 
 memory: trials at the cell's full speed with one browser for ``--minutes``. Printed: growth of the resident memory of
 the run's process and of the page's, by a straight line through the readings after the first quarter.
 
-Run: .venv/bin/python benchmarks/bench_watch.py [--parts cost pace memory]
+Run: .venv/bin/python benchmarks/bench_watch.py [--parts cost pace memory] [--fineness 0.15]
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from trocar.console import Watch
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import Prepared, prepare
 from trocar.eval.run import run_trial
+from trocar.log import machine_speed
 from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.view.console_view import ConsoleMoment
 
@@ -66,11 +68,11 @@ COUNT = """
 
 
 class Counted(Watch):
-    """A page whose moments are counted."""
+    """A page whose moments are counted, and which browsers draw so many times finer than its pixels."""
 
-    def __init__(self, speed: float):
+    def __init__(self, speed: float, fineness: float):
         super().__init__(speed=speed, port=0)
-        self.moments = self.images = 0
+        self.moments, self.images, self.fineness = 0, 0, fineness
 
     def _moment(self) -> ConsoleMoment:
         moment = super()._moment()
@@ -101,16 +103,16 @@ class Cell:
         return time.perf_counter() - wall, time.process_time() - own, trial.duration_s
 
 
-def look_at(page: Page, watch: Watch) -> None:
+def look_at(page: Page, watch: Counted) -> None:
     """Open the page and wait until it shows the cell."""
-    page.open(watch.address)
+    page.open(watch.address, watch.fineness)
     page.until("document.body.innerText.includes('Stop (S)') && !!window.__viserMutable?.drainMessageQueue")
 
 
-def cost(cell: Cell, rounds: int, pages: list[Page]) -> None:
+def cost(cell: Cell, rounds: int, pages: list[Page], fineness: float) -> None:
     """Print the ratios of the times of watched trials to those of unwatched ones."""
     ratios: dict[int, list[tuple[float, float]]] = {count: [] for count in range(len(pages) + 1)}
-    with Counted(0.0) as watch:
+    with Counted(0.0, fineness) as watch:
         cell.run(watch)  # opens the page, and warms up
         for _ in range(rounds):
             for count, found in ratios.items():
@@ -132,9 +134,9 @@ def cost(cell: Cell, rounds: int, pages: list[Page]) -> None:
         print(f"watched by {count} browsers: wall time x {wall:.3f}, its own time on a core x {own:.3f}", flush=True)
 
 
-def pace(cell: Cell, pages: list[Page]) -> None:
+def pace(cell: Cell, pages: list[Page], fineness: float) -> None:
     """Print what a page gets per second, at the pace of the wall clock."""
-    with Counted(1.0) as watch:
+    with Counted(1.0, fineness) as watch:
         watch.console.speed = 0.0
         cell.run(watch)
         for count in range(1, len(pages) + 1):
@@ -143,10 +145,13 @@ def pace(cell: Cell, pages: list[Page]) -> None:
                 page.evaluate(COUNT)
             watch.moments = watch.images = 0
             watch.console.speed = 1.0
+            before_s = processor_s(watch.process)
             wall, own, lasted_s = cell.run(watch)
+            each_ms = 1e3 * (processor_s(watch.process) - before_s) / watch.moments
             print(
                 f"{count} browsers, {lasted_s:.1f} s of the cell in {wall:.1f} s ({own / wall:.0%} of a core): "
-                f"{watch.moments / wall:.1f} moments and {watch.images / wall:.1f} images a second"
+                f"{watch.moments / wall:.1f} moments and {watch.images / wall:.1f} images a second\n  for a moment the "
+                f"page's process needs {each_ms:.0f} ms, on the reference's core {each_ms * machine_speed():.0f} ms"
             )
             for page in pages[:count]:
                 seen: Any = page.evaluate("({...window.seen, for: (performance.now() - window.seen.at) / 1e3})")
@@ -155,11 +160,11 @@ def pace(cell: Cell, pages: list[Page]) -> None:
                 print(f"  a browser got, a second: {rates}", flush=True)
 
 
-def memory(cell: Cell, minutes: float, pages: list[Page]) -> None:
+def memory(cell: Cell, minutes: float, pages: list[Page], fineness: float) -> None:
     """Print how memory grows."""
     rows: list[tuple[float, float, float, float]] = []
     began, cell_s, trials = time.monotonic(), 0.0, 0
-    with Counted(0.0) as watch:
+    with Counted(0.0, fineness) as watch:
         cell.run(watch)
         for page in pages[:1]:
             look_at(page, watch)
@@ -180,6 +185,12 @@ def memory(cell: Cell, minutes: float, pages: list[Page]) -> None:
         )
 
 
+def processor_s(process: int) -> float:
+    """Return the processor time that a process has used, s."""
+    after_name = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return sum(int(ticks) for ticks in after_name[11:13]) / os.sysconf("SC_CLK_TCK")
+
+
 def rss_mb(process: int) -> float:
     """Return the resident memory of a process, MB."""
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * PAGE_MB
@@ -191,17 +202,19 @@ def main() -> None:
     parser.add_argument("--parts", nargs="+", default=["cost", "pace", "memory"])
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--minutes", type=float, default=20.0)
+    fineness = "Pixels drawn per pixel of the page, on each axis; .15 draws 2 %% of them, in place of a graphics card."
+    parser.add_argument("--fineness", type=float, default=1.0, help=fineness)
     given = parser.parse_args()
     cell = Cell(1)
     cell.run()
     with ExitStack() as stack:
         pages = [stack.enter_context(browser(*SIZE)) for _ in range(2)]
         if "cost" in given.parts:
-            cost(cell, given.rounds, pages)
+            cost(cell, given.rounds, pages, given.fineness)
         if "pace" in given.parts:
-            pace(cell, pages)
+            pace(cell, pages, given.fineness)
         if "memory" in given.parts:
-            memory(cell, given.minutes, pages)
+            memory(cell, given.minutes, pages, given.fineness)
 
 
 if __name__ == "__main__":

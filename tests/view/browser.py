@@ -83,7 +83,7 @@ class Page:
                 return message["result"]
             self._note(message)
 
-    def open(self, address: str, fineness: int = 1) -> None:
+    def open(self, address: str, fineness: float = 1) -> None:
         """Open a page of viser's, drawn so many times finer than its pixels, and wait until there is a scene."""
         self.call("Page.navigate", url=f"{address}?fixedDpr={fineness}")
         self.until("document.querySelector('canvas') !== null")

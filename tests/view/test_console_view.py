@@ -161,6 +161,21 @@ def test_a_second_browser_may_watch_and_not_command(opened):
     assert not opened.said, "a page that only watched is not missed"
 
 
+@pytest.mark.parametrize("pixels", [1, 3])
+def test_on_a_telephone_the_scene_ends_where_the_panel_begins(opened, pixels):
+    """Telephones have several pixels of the screen for each of the page's."""
+    (opened, _), height = opened, 844
+    with browser(390, height) as phone:
+        given = {"width": 390, "height": height, "deviceScaleFactor": pixels, "mobile": True}
+        phone.call("Emulation.setDeviceMetricsOverride", **given)
+        phone.open(f"http://127.0.0.1:{opened.view.port}")
+        phone.until("document.body.innerText.includes('Stop (S)')")
+        bottom = "document.querySelector('canvas').getBoundingClientRect().bottom"
+        panel = """document.querySelector('.mantine-Paper-root[style*="position: fixed"]').getBoundingClientRect()"""
+        phone.until(f"{bottom} < {0.45 * height} && {bottom} > {0.4 * height} && {panel}.bottom > {height - 1}")
+        phone.until(f"{panel}.top > {bottom} - 1 && {panel}.width > 389")
+
+
 def test_the_page_that_held_the_controls_is_missed():
     opened = Open()
     with browser(900, 700) as page:

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("viser")
 from made_up_replay import made_up_replay
 from trocar.view.film import shoot
-from trocar.view.framing import PHONE_PX, TRIES, Framing
+from trocar.view.framing import TRIES, Framing
 
 REPLAY = made_up_replay(3.0)
 FILM = shoot(REPLAY)
@@ -57,11 +57,3 @@ def test_a_browser_that_takes_the_initial_view_late_is_told_again_but_not_for_ev
     camera.position = INITIAL_M
     frame.aim(camera)
     assert camera.position is INITIAL_M
-
-
-@pytest.mark.parametrize("width, height", [(PHONE_PX, 750), (390, 844), (3 * 390, 3 * 844)])
-def test_on_a_telephone_the_scene_is_above_the_panel(width, height):
-    """The panel's width is in pixels of the page, and a browser says only those of its screen, three times as many."""
-    (phone, _), (wide, _) = aimed(width, height), aimed(PHONE_PX + 1, 800)
-    far_m, near_m = (np.linalg.norm(one.position - one.look_at) for one in (phone, wide))
-    assert phone.look_at[2] < wide.look_at[2] - 0.1 * near_m and far_m > 0.99 * near_m

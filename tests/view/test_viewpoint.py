@@ -147,11 +147,3 @@ def test_a_path_that_is_partly_unknown_does_not_matter():
     tools = {**MADE_UP.tools, "psm1": ToolPath(gaps, gaps)}
     replay = Replay("gaps", MADE_UP.times_s, MADE_UP.solids, MADE_UP.T_world_body, tools)
     assert np.isfinite(viewpoint(replay, shoot(replay)).eye_m).all()
-
-
-def test_above_a_telephones_panel_everything_is_in_the_upper_part():
-    film, below = shoot(ON_BOARD), 1.15
-    view = viewpoint(ON_BOARD, film, ASPECT, below=below)
-    tips = np.concatenate([tool.p_world_driven_m for tool in ON_BOARD.tools.values()])
-    places = in_picture(view, tips)
-    assert places[:, 1].min() > below - 1 and np.abs(places).max() < 1

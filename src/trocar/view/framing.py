@@ -8,15 +8,11 @@ import numpy as np
 
 from trocar.replay import Replay
 from trocar.view.film import Film
-from trocar.view.viewpoint import FIELD_RAD, MARGINS, Viewpoint, viewpoint
+from trocar.view.viewpoint import FIELD_RAD, Viewpoint, viewpoint
 
 if TYPE_CHECKING:
     from viser import CameraHandle, ClientHandle, ViserServer
 
-PHONE_PX, TALL, SHEET = 576, 0.7, 1.15
-"""In a window of at most this width, viser's panel covers the scene's lower part: this share of half its height. A
-browser tells its width in pixels of the screen, of which a telephone has two or three in each of the page's; so a
-window of at most this aspect ratio counts as a telephone's, too."""
 TRIES, NEAR_M = 5, 1e-4
 """A viewpoint is sent up to this many times, until the browser's is this near: it may apply the initial one late."""
 
@@ -54,8 +50,7 @@ class Framing:
         if not there and not self._left:
             return  # the user has moved the camera
         if size != self._size:  # for example once the panel is beside the scene
-            below = SHEET if size[0] <= PHONE_PX or camera.aspect <= TALL else MARGINS[1]
-            view = viewpoint(*self._scene, camera.aspect, live=self._live, below=below)
+            view = viewpoint(*self._scene, camera.aspect, live=self._live)
             self._view, self._size, self._left = view, size, TRIES
         elif there:
             self._left = 0

@@ -46,8 +46,9 @@ PHONE = """<style>@media (max-width: 36em) {
 .mantine-Paper-root[style*="position: fixed"] { width: 100vw !important; max-height: 58% !important; }
 .mantine-Paper-root[style*="position: fixed"] .mantine-ScrollArea-content > div { width: 100% !important; }
 .mantine-Paper-root[style*="position: fixed"] .mantine-Button-root { height: 3em !important; }
+#root > div > div > div:has(canvas) { flex: none !important; height: 42% !important; }
 }</style>"""
-"""On a telephone, viser's panel is as wide as the screen, and its buttons are as high as a finger."""
+"""On a telephone, viser's panel is as wide as the screen, below the scene, and its buttons are as high as a finger."""
 
 
 def open_panel(server: ViserServer, title: str, notice: str) -> None:

@@ -53,10 +53,8 @@ class Viewpoint:
     front: NDArray[np.float64]
 
 
-def viewpoint(
-    replay: Replay, film: Film, aspect: float = ASPECT, *, live: bool = False, below: float = MARGINS[1]
-) -> Viewpoint:
-    """Return the viewpoint of a window of this aspect ratio; ``below`` replaces the lower one of ``MARGINS``.
+def viewpoint(replay: Replay, film: Film, aspect: float = ASPECT, *, live: bool = False) -> Viewpoint:
+    """Return the viewpoint of a window of this aspect ratio.
 
     The workspace is where objects are, and tips near them. The camera looks across the line from arm to arm, or across
     a single arm: along it, one arm would hide the other, or its own tip. It stands on the side that the instruments
@@ -75,28 +73,24 @@ def viewpoint(
     axes = np.stack([right, np.cross(right, forward), forward])
     ball = centre + MIN_RADIUS_M * np.concatenate([axes[:2], -axes[:2]])
     wanted = np.concatenate([_thick(near), tips, tips + (LABEL + ROW) * radius * UP, ball])
-    margins = MARGINS[0], below, MARGINS[2]
-    eye = _eye(wanted, axes, aspect, margins)
+    eye = _eye(wanted, axes, aspect)
     for more, growth in ((fixed_corners(replay, film), FOR_BOARDS), (ports(replay), FOR_PORTS)):
         further = np.concatenate([wanted, more])
-        there = _eye(further, axes, aspect, margins)
+        there = _eye(further, axes, aspect)
         if (centre - there) @ forward <= growth * (centre - eye) @ forward:
             wanted, eye = further, there
     return Viewpoint(eye, eye + ((centre - eye) @ forward) * forward, centre, radius, right, front)
 
 
-def _eye(
-    points_m: NDArray[np.float64], axes: NDArray[np.float64], aspect: float, margins: tuple[float, float, float]
-) -> NDArray[np.float64]:
+def _eye(points_m: NDArray[np.float64], axes: NDArray[np.float64], aspect: float) -> NDArray[np.float64]:
     """Return the nearest position (3,) of a camera that has these points (n, 3) within its margins.
 
     Args:
         points_m: in the world.
         axes: (3, 3) rows: right, up and forward in the picture.
         aspect: of the window.
-        margins: as ``MARGINS``.
     """
-    above, below, beside = margins
+    above, below, beside = MARGINS
     half = math.tan(FIELD_RAD / 2)
     x, y, z = (points_m @ axes.T).T
     wide, up, down = half * aspect * (1 - beside), half * (1 - above), half * (1 - below)
