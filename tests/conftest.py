@@ -51,6 +51,14 @@ LONGEST = (
 two that draw in a browser are far apart, because each uses all cores."""
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Leave out files without a test of the one kind that is asked for: to import them all takes half a minute."""
+    kind = config.option.markexpr
+    if kind in ("slow", "realtime") and collection_path.name.startswith("test_"):
+        return f"mark.{kind}" not in collection_path.read_text(encoding="utf-8") or None
+    return None
+
+
 def pytest_collection_modifyitems(items):
     """Put the tests of the longest files first; the others stay in their order."""
     places = {f"tests/{name}.py": place for place, name in enumerate(LONGEST)}
