@@ -21,6 +21,7 @@ from trocar.eval import jobs
 from trocar.eval.config import RunConfig
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import Trial, trial_file, trial_files
+from trocar.report.stills import photographer_of
 from trocar.report.summary import summarise
 from trocar.sim.world import PhysicsError
 from trocar.tasks.peg_transfer.report import PegReport
@@ -271,15 +272,28 @@ def test_a_real_run_counts_its_transfers_and_its_time(real):
         }
 
 
+@pytest.fixture
+def small_pictures(monkeypatch):
+    """Draw the frames of videos .4 as wide: whole ones take a minute. Return the scales that were asked for."""
+    asked = []
+
+    def photographer(trial, report, scale):
+        asked.append(scale)
+        return photographer_of(trial, report, 0.4 * scale)
+
+    monkeypatch.setattr("trocar.report.video.photographer_of", photographer)
+    return asked
+
+
 @pytest.mark.slow
-def test_a_video_is_a_moving_picture_of_the_first_trial(trocar, real, tmp_path):
+def test_a_video_is_a_moving_picture_of_the_first_trial(trocar, real, small_pictures, tmp_path):
     folder = tmp_path / "copy"
     shutil.copytree(real[0], folder)
     before = (folder / "summary.json").read_bytes()
     code, out, err = trocar("report", folder, "--video", "--json")
     assert code == 0, err
     assert out.count("\n") == 1 and json.loads(out) == real[1]
-    assert "video.webp" in err
+    assert "video.webp" in err and small_pictures == [0.75]
     assert (folder / "summary.json").read_bytes() == before
     with Image.open(folder / "video.webp") as film:
         assert film.format == "WEBP" and film.n_frames > 10
@@ -287,13 +301,14 @@ def test_a_video_is_a_moving_picture_of_the_first_trial(trocar, real, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_film_shows_the_whole_trial_at_its_own_speed(trocar, real, tmp_path):
+def test_a_film_shows_the_whole_trial_at_its_own_speed(trocar, real, small_pictures, tmp_path):
     av = pytest.importorskip("av")
     folder = tmp_path / "copy"
     shutil.copytree(real[0], folder)
     for _ in range(2):  # it replaces its own file
         code, _, err = trocar("report", folder, "--mp4", "--json")
         assert code == 0 and "video.mp4" in err, err
+    assert small_pictures == [1.0] * 2
     with av.open(str(folder / "video.mp4")) as file:
         stream = file.streams.video[0]
         lasts_s = float(stream.duration * stream.time_base)
@@ -364,7 +379,7 @@ def test_to_view_a_trial_the_code_of_its_task_is_not_needed(real):
 
 @pytest.mark.slow
 def test_trials_at_once_are_the_same_as_one_after_the_other(trocar, unpictured, tmp_path):
-    quick = ("--method", "uncalibrated", "--transfers", "1", "--flawless-camera")
+    quick = ("--method", "uncalibrated", "--transfers", "1", "--budget", "3", "--flawless-camera")
     words = ["run", "peg-transfer", *quick, "--trials", "2", "--seed", "4"]
     for count in ("1", "2"):
         trocar(*words, "--jobs", count, "--out", tmp_path / count)
