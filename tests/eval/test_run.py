@@ -31,17 +31,20 @@ from trocar.tasks.peg_transfer.task import PegTransfer
 MEAN_TRANSFER_S = 4.3
 """What a transfer may take on average, within the limits (issue 7)."""
 
+MOVED = 7
+"""Transfers of a whole trial here: every block goes to its peg, and the first one back."""
+
 
 @pytest.fixture(scope="module")
 def day(tmp_path_factory):
-    """A calibrated session and its run of twelve transfers."""
-    config = RunConfig(PegTransfer(), calibration="joints", seed=2024, trials=9)
+    """A calibrated session and its run, in which every block goes there and one back."""
+    config = RunConfig(PegTransfer(transfers=MOVED), calibration="joints", seed=2024, trials=9)
     return config, prepare(config, 0, tmp_path_factory.mktemp("day"))
 
 
 @pytest.fixture(scope="module")
 def trial(day):
-    """One whole trial of twelve transfers, and the events that its listener heard."""
+    """One whole trial, and the events that its listener heard."""
     heard = []
     return run_trial(*day, 1, heard.append), heard
 
@@ -60,7 +63,7 @@ def test_the_blocks_go_there_and_back_within_the_limits_and_in_good_time(trial):
     trial, _ = trial
     summary = summarise([trial], report_of(trial))
     assert trial.finished and trial.reason == ""
-    assert summary["attempted"] == 12 and summary["succeeded"] >= 11
+    assert summary["attempted"] == summary["succeeded"] == MOVED
     assert summary["mean_time_s"] <= MEAN_TRANSFER_S
     assert max(summary["command_limit_use"].values()) <= 1.0 + 1e-6
     assert sum(summary["parts_s"].values()) == pytest.approx(summary["mean_time_s"])
@@ -82,16 +85,16 @@ def test_without_calibration_transfers_fail_for_reasons_with_names(tmp_path):
 def test_the_log_holds_every_transfer_and_every_computation(trial):
     trial, _ = trial
     events = [event for event in trial.events if event["name"] == "transfer"]
-    assert [(e["source"], e["target"]) for e in events] == list(PegTransfer().goals())
+    assert [(e["source"], e["target"]) for e in events] == list(PegTransfer().goals())[:MOVED]
     assert {e["outcome"] for e in events} <= {member.name for kind in Outcome.__subclasses__() for member in kind}
     spans = sum(span.name in {"perception", "planning"} for span in trial.spans)
-    assert spans == sum(c.name in {"perception", "planning"} for c in trial.computations) >= 36
+    assert spans == sum(c.name in {"perception", "planning"} for c in trial.computations) >= 3 * MOVED
     assert trial.duration_s == pytest.approx(trial.spans[-1].end_s, abs=0.5)
 
 
 def test_truth_is_kept_at_100_hz_without_gaps_or_repeats(trial, tmp_path):
     trial, _ = trial
-    assert trial.save(tmp_path / "trial.npz").stat().st_size < 2 << 20 and len(trial.replay().images) >= 12
+    assert trial.save(tmp_path / "trial.npz").stat().st_size < 2 << 20 and len(trial.replay().images) >= MOVED
     assert len(trial.times_s) == round(trial.duration_s / TICK_S) + 1
     assert np.allclose(np.diff(trial.times_s), TICK_S)
     assert {name for name in trial.arrays if name.startswith("body_")} == {f"body_block{k}" for k in range(6)}
@@ -131,7 +134,7 @@ def test_blocks_were_never_where_no_block_can_be(trial):
 def test_the_listener_hears_every_event(trial):
     trial, heard = trial
     assert heard == trial.events
-    assert sum(event["name"] == "transfer" for event in heard) == 12
+    assert sum(event["name"] == "transfer" for event in heard) == MOVED
 
 
 # What the seed decides.
@@ -242,11 +245,11 @@ def test_a_spent_budget_is_kept_as_an_unfinished_trial_with_all_its_goals(day):
     assert (np.abs(last_step) <= MOTION_LIMITS["paper"].acceleration * step_s**2 / 2 + 1e-6).all()
     assert (trial.events[-1]["name"], trial.events[-1]["outcome"]) == ("stopped", "OUT_OF_TIME")
     assert heard == trial.events
-    assert len(trial.scores) == 12
+    assert len(trial.scores) == MOVED
     assert all(score["attempted"] and not score["succeeded"] for score in trial.scores)
     assert {score["failure"] for score in trial.scores} == {"OUT_OF_TIME"}
     summary = summarise([trial], report_of(trial))
-    assert (summary["succeeded"], summary["attempted"], summary["complete_trials"]) == (0, 12, 0)
+    assert (summary["succeeded"], summary["attempted"], summary["complete_trials"]) == (0, MOVED, 0)
 
 
 def broken(error):
@@ -331,7 +334,7 @@ OPTIONS = {
     "--seed": 5,
     "--sessions": 2,
     "--trials": 1,
-    "--budget": 5,
+    "--budget": 2,
 }
 WORDS = ["run", "peg-transfer", "--flawless-camera", *(str(word) for option in OPTIONS.items() for word in option)]
 
