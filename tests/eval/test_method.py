@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from simulated import ideal_laboratory, standing
+from trocar.arms import ARMS
 from trocar.calibration.excitation import EXERCISE_RAD
 from trocar.cli.task_group import TaskGroup
 from trocar.errors import InvalidInput, TrocarError
@@ -343,6 +344,22 @@ def test_waking_swings_the_wrist_both_ways_and_ends_where_it_began():
     for joint, swing in zip((3, 4, 5), EXERCISE_RAD, strict=True):
         off = q[:, joint] - q[0, joint]
         assert (off.max(), off.min()) == (pytest.approx(swing, abs=1e-3), pytest.approx(-swing, abs=1e-3))
+
+
+def test_a_wrist_that_was_left_near_the_ends_of_its_range_swings_as_far_within_it():
+    lab, model = ideal_laboratory(standing(0)), ARMS["psm-classic"]
+    left = np.concatenate([model.middle[:3], model.upper[3:5] - 0.01, model.lower[5:] + 0.02])
+
+    async def script(cell):
+        arm = ArmScript(cell, "psm1", settle_s=0.0)
+        await arm.go(left)
+        await arm.exercise_wrist()
+
+    assert lab.run(script, 30.0)
+    q = lab.recorder.joints("commanded")["psm1"][:, :6]
+    assert np.abs(q[-1] - left).max() < 1e-9
+    arrived = int(np.argmin(np.abs(q - left).max(axis=1)))
+    assert np.ptp(q[arrived:, 3:], axis=0) == pytest.approx(2.0 * np.array(EXERCISE_RAD), abs=1e-3)
 
 
 class OffRobot:

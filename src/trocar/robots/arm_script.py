@@ -62,9 +62,13 @@ class ArmScript:
         return self.cell.robot.read(self.name).jaw_rad - self.jaw_zero_rad
 
     async def exercise_wrist(self) -> None:
-        """Turn the wrist back and forth, so that the slack in the cables is known, whatever it was before."""
+        """Turn the wrist back and forth, so that the slack in the cables is known, whatever it was before.
+
+        Near the end of a joint's range, it turns as far, but further to the other side.
+        """
         home, swing = self.q, np.array([0.0, 0.0, 0.0, *EXERCISE_RAD])
-        for q in (home + swing, home - swing, home):
+        middle = np.clip(home, self.model.lower + swing, self.model.upper - swing)
+        for q in (middle + swing, middle - swing, home):
             await self.go(q)
 
     async def go(self, q: Array) -> MotionResult:
