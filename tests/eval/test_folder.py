@@ -11,7 +11,7 @@ from trocar.calibration.excitation import WIDE_ROWS, random_smooth_path
 from trocar.calibration.models import save_model
 from trocar.errors import TrocarError
 from trocar.eval.config import RunConfig
-from trocar.eval.folder import load_trials, open_folder
+from trocar.eval.folder import load_trials, open_folder, requested, still_to_do
 from trocar.eval.prepare import prepare
 from trocar.eval.trial import trial_file
 from trocar.lab import station_text
@@ -101,6 +101,14 @@ def test_a_folder_that_is_a_file_is_named(tmp_path):
         with pytest.raises(TrocarError, match=r"choose (a folder|another) with --out") as refused:
             open_folder(config(), folder)
         assert str(folder) in str(refused.value)
+
+
+@pytest.mark.parametrize("number", ["1e400", "NaN", "null", "0", "-2", "1" + "0" * 4000])
+def test_an_impossible_number_of_trials_in_the_record_is_unknown_in_one_sentence(tmp_path, number):
+    (tmp_path / "run.json").write_text(f'{{"sessions": {number}, "trials": {number}}}')
+    assert requested(tmp_path) is None
+    (sentence,) = still_to_do(tmp_path, 1)
+    assert sentence.endswith("cannot be read, so the run's number of trials is unknown")
 
 
 # What is loaded.

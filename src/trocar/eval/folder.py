@@ -8,7 +8,7 @@ from typing import Any
 
 from trocar.counting import counted
 from trocar.errors import BadFile, TrocarError
-from trocar.eval.config import RunConfig
+from trocar.eval.config import MAX_TRIALS, RunConfig
 from trocar.eval.method import CLIENT
 from trocar.eval.trial import Trial, trial_about, trial_file, trial_files
 from trocar.eval.trials import Trials
@@ -131,12 +131,13 @@ def load_trial(path: str | Path) -> Trial:
 
 
 def requested(folder: str | Path) -> tuple[int, int] | None:
-    """Return the requested numbers of sessions and of trials in each; None if the run's record is lost."""
+    """Return the requested numbers of sessions and of trials in each; None if its record is lost or impossible."""
     found = run_record(folder)
     try:
-        return int(found["sessions"]), int(found["trials"])
-    except (ValueError, KeyError, TypeError):
+        sessions, trials = int(found["sessions"]), int(found["trials"])
+    except (ValueError, KeyError, TypeError, OverflowError):
         return None
+    return (sessions, trials) if min(sessions, trials) > 0 and sessions * trials <= MAX_TRIALS else None
 
 
 def still_to_do(folder: str | Path, done: int) -> list[str]:
