@@ -6,6 +6,7 @@ from scipy import stats
 
 from trocar.errors import TrocarError
 from trocar.eval.comparison import (
+    Estimate,
     holm,
     rate_difference,
     ratio_estimate,
@@ -28,8 +29,15 @@ def test_a_mean_counts_sessions_not_trials():
     assert (few.low, few.high) == pytest.approx((3.0 - half, 3.0 + half), rel=1e-6)
 
 
+def test_the_interval_of_what_is_never_negative_ends_at_zero():
+    few, many = session_estimate(sessions(1.0, 2.0, 6.0)), session_estimate(sessions(3.0, 4.0, 5.0))
+    assert few.low < 0 and few.not_negative() == Estimate(few.mean, 0.0, few.high)
+    assert many.low > 0 and many.not_negative() == many
+
+
 def test_a_single_session_has_no_interval():
     found = session_estimate(sessions([1.0, 2.0]))
+    assert found.not_negative() == found
     assert (found.mean, found.low, found.high) == (1.5, None, None)
     with pytest.raises(TrocarError, match="no session"):
         session_estimate({})

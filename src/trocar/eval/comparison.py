@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,10 @@ class Estimate:
     mean: float
     low: float | None
     high: float | None
+
+    def not_negative(self) -> Estimate:
+        """Return the estimate of what is never negative, such as a count: the interval does not go below 0."""
+        return self if self.low is None else replace(self, low=max(0.0, self.low))
 
 
 @dataclass(frozen=True)

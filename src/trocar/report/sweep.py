@@ -246,6 +246,7 @@ def figures_of(point: Point, rows_of: Mapping[Any, Sequence[Row]]) -> dict[str, 
         return None
     reached = [sum(values) for values in by_session(rows, lambda row: row.succeeded).values()]
     goals = [sum(values) for values in by_session(rows, lambda row: row.goals).values()]
+    collisions = session_estimate(by_session(rows, lambda row: float(row.collisions)))
     seconds = ratio_estimate(by_session(rows, lambda row: (row.duration_s, float(row.succeeded))))
     return {
         "name": point.conditions[0].folder.name.rpartition("-seed-")[0],
@@ -261,8 +262,8 @@ def figures_of(point: Point, rows_of: Mapping[Any, Sequence[Row]]) -> dict[str, 
         "succeeded": sum(reached),
         "success": sum(reached) / sum(goals),
         "success_ci95": list(session_interval(reached, goals)),
-        "collisions_per_trial": asdict(session_estimate(by_session(rows, lambda row: float(row.collisions)))),
-        "s_per_success": asdict(seconds) if seconds else None,
+        "collisions_per_trial": asdict(collisions.not_negative()),
+        "s_per_success": asdict(seconds.not_negative()) if seconds else None,
     }
 
 
@@ -307,7 +308,7 @@ def draw_curves(summaries: Sequence[Mapping[str, Any]], path: str | Path) -> Pat
                 _curve(top, x, [100 * row["success"] for row in rows], ends, colour)
                 hits = [row["collisions_per_trial"] for row in rows]
                 known = all(hit["low"] is not None for hit in hits)
-                ends = [[max(hit["low"], 0.0), hit["high"]] for hit in hits] if known else []
+                ends = [[hit["low"], hit["high"]] for hit in hits] if known else []
                 _curve(bottom, x, [hit["mean"] for hit in hits], ends, colour)
             varied = next((row for row in of_flaw if row["scale"] > 0 and flaw), None)
             for axes in (top, bottom):

@@ -129,6 +129,17 @@ def test_trials_that_were_stopped_and_contacts_are_counted():
     assert figures["wall_s_per_trial"] == pytest.approx(100.0 / 3)
 
 
+def test_intervals_of_counts_do_not_go_below_zero():
+    """One session of three has all the contacts, and few fragments for its plans."""
+    few = made_up(session=1, scores=[score(0, 0.0), *(score(k, 0.0, failure="NOT_CLEARED") for k in range(1, 6))])
+    idle = [replace(made_up(session=k), spans=[]) for k in (2, 3)]
+    figures = figures_of([row_of(trial) for trial in (replace(few, collisions=[{}] * 9), *idle)])
+    assert figures["replans_per_fragment"]["mean"] == pytest.approx(6 / 13)
+    assert figures["contacts_per_trial"]["mean"] == pytest.approx(3.0)
+    for name in ("replans_per_fragment", "contacts_per_trial"):
+        assert figures[name]["low"] == 0.0 < figures[name]["mean"] < figures[name]["high"]
+
+
 def test_rates_have_counts_and_intervals_over_sessions():
     rates = figures_of([row_of(made_up()), row_of(failed())])["failure_modes"]
     grasp = rates["grasp_failures"]

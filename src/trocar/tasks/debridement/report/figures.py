@@ -101,6 +101,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
     seconds = {part: sum(row.parts_s[part] for row in rows) for part in PARTS}
     total_s = sum(seconds.values())
     failures = sum((Counter(row.failures) for row in rows), Counter[str]())
+    contacts = session_estimate(by_session(rows, lambda row: float(row.collisions)))
     return {
         "fragments": sum(row.fragments for row in rows),
         "cleared": cleared,
@@ -113,7 +114,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, Any]:
         "first_attempt": rate_of(rows, lambda row: (row.first_attempts, row.fragments)),
         "attempts": sum(row.attempts for row in rows),
         "recoveries": sum(row.recoveries for row in rows),
-        "contacts_per_trial": asdict(session_estimate(by_session(rows, lambda row: float(row.collisions)))),
+        "contacts_per_trial": asdict(contacts.not_negative()),
         "unfinished_trials": sum(row.ended != "done" for row in rows),
         "left_behind": dict(failures),
         "wall_s_per_trial": float(np.mean([row.wall_s for row in rows])),
@@ -134,4 +135,4 @@ def rate_of(rows: Sequence[Row], counts: Callable[[Row], Sequence[int]]) -> dict
 
 def _per_fragment(rows: Sequence[Row], value: Callable[[Row], float]) -> dict[str, Any] | None:
     found = ratio_estimate(by_session(rows, lambda row: (value(row), row.cleared)))
-    return None if found is None else asdict(found)
+    return None if found is None else asdict(found.not_negative())
