@@ -103,8 +103,19 @@ def test_a_script_that_lets_no_time_pass_is_named_in_a_warning(laboratory, monke
     assert "test_watchdog.py, line" in record.getMessage()
 
 
-def frame(file, line, back=None):
-    return SimpleNamespace(f_code=SimpleNamespace(co_filename=file), f_lineno=line, f_back=back)
+def test_a_program_is_not_blamed_for_the_script_that_it_runs(laboratory, monkeypatch, caplog):
+    """Such as one that runs a task's agent, whose first plan takes long before time begins to pass."""
+    monkeypatch.setattr(watchdog, "WARNING_S", 0.5)
+    text = "async def plans(cell):\n    while not records and now() < late:\n        pass\n"
+    names = {"records": caplog.records, "now": time.monotonic, "late": time.monotonic() + 30}
+    exec(compile(text, f"{watchdog.PACKAGE}/tasks/slow.py", "exec"), names)
+    with caplog.at_level(logging.WARNING, "trocar"):
+        assert laboratory.run(names["plans"], 1.0)
+    assert f"{watchdog.PACKAGE}/tasks/slow.py, line" in caplog.records[0].getMessage()
+
+
+def frame(file, line, back=None, name="work"):
+    return SimpleNamespace(f_code=SimpleNamespace(co_filename=file, co_name=name), f_lineno=line, f_back=back)
 
 
 def test_the_line_named_is_the_users_own_or_else_the_innermost_of_a_task():
@@ -114,6 +125,8 @@ def test_the_line_named_is_the_users_own_or_else_the_innermost_of_a_task():
     assert watchdog.line_of_script(inner) == f"{task}, line 5"
     outer.f_back.f_back = frame("/home/me/mine.py", 3)
     assert watchdog.line_of_script(inner) == "/home/me/mine.py, line 3"
+    outer.f_back.f_back = frame(watchdog.RUNNER, 8, frame("/usr/local/bin/trocar", 3), "run")
+    assert watchdog.line_of_script(inner) == f"{task}, line 5"
     assert watchdog.line_of_script(frame(f"{watchdog.LIBRARIES[0]}/trio.py", 1)) == watchdog.line_of_script(None) == ""
 
 

@@ -22,6 +22,7 @@ WARNING_S = 10.0
 """A warning names a script that lets no time pass for this long."""
 
 PACKAGE = str(Path(__file__).parents[1])
+RUNNER = f"{PACKAGE}/sim/laboratory.py"
 LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 
 
@@ -88,10 +89,15 @@ class Watchdog:
 
 
 def line_of_script(frame: FrameType | None) -> str:
-    """Return file and line of a user's file that runs, or else of a task's; empty if neither does."""
+    """Return file and line of a user's file that runs, or else of a task's; empty if neither does.
+
+    The program that runs the cell is no script: its files are not named.
+    """
     ours = ""
     while frame is not None:
         file = frame.f_code.co_filename
+        if file == RUNNER and frame.f_code.co_name == "run":
+            break
         line = f"{file}, line {frame.f_lineno}"
         if file.startswith(f"{PACKAGE}/tasks"):
             ours = ours or line
