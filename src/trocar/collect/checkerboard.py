@@ -20,7 +20,7 @@ from trocar.errors import InvalidInput
 from trocar.files.output import write_figure
 from trocar.geometry import SE3
 from trocar.geometry.arrays import Array
-from trocar.lab import CheckerboardRegistration, SensorFlaws, Station
+from trocar.lab import CheckerboardRegistration, Station
 from trocar.perception.checkerboard import Checkerboard
 from trocar.perception.depth import project
 from trocar.perception.image import StereoImage, StereoRig
@@ -137,18 +137,13 @@ def stereo_camera(station: Station) -> str:
 
 
 def register_cell(
-    station: Station,
-    seeds: np.random.SeedSequence,
-    *,
-    flaws: SensorFlaws | None = None,
-    listener: Listener | None = None,
+    station: Station, seeds: np.random.SeedSequence, *, listener: Listener | None = None
 ) -> CellRegistration:
     """Calibrate a pair's lenses and register camera and bases, all from simulated images of a checkerboard.
 
     Args:
         station: the cell.
         seeds: seeds of the person's hand, the brackets' errors and the images.
-        flaws: override those of the station's camera.
         listener: called after each image.
 
     Raises:
@@ -158,7 +153,7 @@ def register_cell(
     hand, brackets, images = (np.random.default_rng(seed) for seed in seeds.spawn(3))
     table = station.T_world_fixture.get("table")
     table_z_m = how.T_world_board.translation_m[2] - BELOW_M if table is None else table.translation_m[2]
-    cell = CheckerboardCell(station, camera, how.board, float(table_z_m), flaws)
+    cell = CheckerboardCell(station, camera, how.board, float(table_z_m))
     distance_m = float(station.cameras[camera].T_world_camera.inverse().apply(how.T_world_board.translation_m)[2])
     total, done = how.views + len(station.arms), 0
 

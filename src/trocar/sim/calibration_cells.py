@@ -142,15 +142,12 @@ class CheckerboardCell:
         camera: the camera's name.
         board: the board shown, with a white rim as wide as a square.
         table_z_m: height of the table in the world.
-        flaws: override those of the station's camera.
 
     Raises:
         InvalidInput: the camera is not a stereo pair.
     """
 
-    def __init__(
-        self, station: Station, camera: str, board: Checkerboard, table_z_m: float, flaws: SensorFlaws | None = None
-    ):
+    def __init__(self, station: Station, camera: str, board: Checkerboard, table_z_m: float):
         seen_by = replace(station.cameras[camera], rig_registered=None)
         if not isinstance(seen_by.model, StereoRig):
             what = f"camera {camera!r} of station {station.name!r}"
@@ -158,7 +155,7 @@ class CheckerboardCell:
         self._rig, self._T_world_camera = seen_by.model, seen_by.T_world_camera
         self._board, self._table_z_m = board, table_z_m
         self._world = World({}, {}, _CheckerboardWorld(board, table_z_m))
-        self._camera = CameraRenderer(self._world.model, seen_by, seen_by.T_world_camera, flaws)
+        self._camera = CameraRenderer(self._world.model, seen_by, seen_by.T_world_camera)
 
     def hand_pose(self, rng: np.random.Generator, distance_m: float) -> SE3:
         """Return a random pose in the world of a board held by hand, which both lenses see whole.
