@@ -162,19 +162,19 @@ class PathSamples:
     opened: NDArray[np.bool_]
 
 
-def path_samples(setup: SutureSetup, straight: int = 3, turning: int = 8) -> PathSamples:
-    """Return samples of the primitive: ``straight`` on the straight path, at least ``turning`` on the rotation."""
+def path_samples(setup: SutureSetup) -> PathSamples:
+    """Return samples of the primitive: 3 on the straight path, at least 8 on the rotation."""
     insertion = setup.insertion
     top = insertion.rotation_rad
     again = top - insertion.regrasp_rad if insertion.pushes else top
-    turn = np.union1d(np.linspace(min(0.0, again), top, turning), again)
+    turn = np.union1d(np.linspace(min(0.0, again), top, 8), again)
     turn = turn[np.abs(turn) > 1e-12]  # 0 is already there, as the end of the straight path
-    advance = np.linspace(0.0, insertion.straight_m, straight)
+    advance = np.linspace(0.0, insertion.straight_m, 3)
     return PathSamples(
         np.append(advance, np.full(len(turn), insertion.straight_m)),
-        np.append(np.zeros(straight), turn),
+        np.append(np.zeros(len(advance)), turn),
         np.append(np.isin(advance, (0.0, insertion.straight_m)), np.isin(turn, (top, again))),
-        np.append(np.zeros(straight, dtype=bool), np.ones(len(turn), dtype=bool)),
+        np.append(np.zeros(len(advance), dtype=bool), np.ones(len(turn), dtype=bool)),
     )
 
 
