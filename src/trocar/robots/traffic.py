@@ -183,11 +183,11 @@ class Traffic:
         """Return whether each of two arms could depart from the end of its motion while the other rests at its end."""
         mine = MovingArm.resting(lane.model, motion(motion.times_s[-1]), lane.T_world_base, lane.jaw_rad)
         theirs = MovingArm.resting(other.model, body.arm.joints(body.arm.end_s), other.T_world_base, body.arm.jaw_rad)
-        ways = (departure, lane, MovingBody(theirs, body.held)), (other.departure, other, MovingBody(mine, lane.held))
-        for way, mover, still in ways:
+        ways = (departure, mine, MovingBody(theirs, body.held)), (other.departure, theirs, MovingBody(mine, lane.held))
+        for way, at_end, still in ways:
             if way is None:
                 continue
-            arm = MovingArm(mover.model, way.motion, mover.T_world_base, 0.0, lane.jaw_rad)
+            arm = MovingArm(at_end.model, way.motion, at_end.T_world_base, 0.0, at_end.jaw_rad)
             start = MovingBody(arm, way.held)
             least_m = _relaxed(self._min_margin_m, distance_m(start, 0.0, still, 0.0))
             if min_delay_s(start, still, 0.0, least_m, [0.0]) is None:
