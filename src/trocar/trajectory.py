@@ -46,7 +46,7 @@ class Trajectory:
 
         object.__setattr__(self, "times_s", times)
         object.__setattr__(self, "coefficients", coefficients)
-        object.__setattr__(self, "_poly", PPoly(coefficients, times))
+        object.__setattr__(self, "_poly", PPoly.construct_fast(coefficients, times))
 
     @staticmethod
     def hermite(times_s: ArrayLike, q: ArrayLike, v: ArrayLike) -> Trajectory:

@@ -12,7 +12,7 @@ from trocar.arms import capsules, fk
 from trocar.geometry.capsules import Capsules, capsule_distances_m
 from trocar.motion import MovingArm, rest_to_rest
 from trocar.robots import traffic
-from trocar.robots.traffic import NEVER, MovingBody, Traffic, distance_m, min_delay_s
+from trocar.robots.traffic import NEVER, Departure, MovingBody, Traffic, distance_m, min_delay_s
 
 NOW_S, MARGIN_M = 7.0, 4e-3
 DELAYS_S = np.arange(0.0, 2.0, 0.08).tolist()
@@ -68,6 +68,28 @@ def test_a_body_waits_as_long_as_the_other_one_is_in_its_way(held, contact_s, le
     assert distance_m(mover, 0.3, other.empty(), NOW_S) == pytest.approx(empty)
 
 
+def beside(other, jaw_rad):
+    """Return the traffic of two arms, of which the other is at the start of a motion, with its jaws open so far."""
+    here = SimpleNamespace(moving=other.arm.trajectory.duration_s > 0.1, q=other.arm.joints(NOW_S), path_s=0.0)
+    robot = SimpleNamespace(setpoint=lambda arm: here, read=lambda arm: SimpleNamespace(jaw_rad=jaw_rad))
+    bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
+    clock = SimpleNamespace(now_s=lambda: NOW_S)
+    cell = SimpleNamespace(arms=STATION.models, T_world_base_registered=bases, robot=robot, clock=clock)
+    return Traffic(cell, ("psm1", "psm2"), 2e-3)
+
+
+def test_each_arm_departs_with_its_own_jaws_as_wide_open_as_they_are(monkeypatch):
+    departing = []
+    monkeypatch.setattr(traffic, "min_delay_s", lambda mover, *args: departing.append(mover.arm.jaw_rad) or 0.0)
+    other, mover = body("psm2", (-0.06, 0.0), (-0.06, 0.0), NOW_S), body("psm1", (0.05, 0.0), (0.06, 0.0), NOW_S)
+    both = beside(other, jaw_rad=0.7)
+    both.lanes["psm1"].jaw_rad = 0.1
+    leaves = Departure(other.arm.trajectory)
+    both.lanes["psm2"].departure = leaves
+    both.delay_s("psm1", mover.arm.trajectory, MARGIN_M, NEVER, leaves)
+    assert departing[:2] == [0.1, 0.7]
+
+
 @pytest.mark.parametrize(
     ("to_m", "goes_to_m", "delay_s"),
     [
@@ -81,12 +103,7 @@ def test_between_its_samples_a_motion_is_checked_too(monkeypatch, to_m, goes_to_
     """Past the place of the other arm, which no sample is said to show; and away from it."""
     monkeypatch.setattr(traffic, "min_delay_s", lambda *args: 0.0)
     other = body("psm2", (-0.01, 0.0), goes_to_m or (-0.01, 0.0), NOW_S)
-    here = SimpleNamespace(moving=other.arm.trajectory.duration_s > 0.1, q=other.arm.joints(NOW_S), path_s=0.0)
-    robot = SimpleNamespace(setpoint=lambda arm: here, read=lambda arm: SimpleNamespace(jaw_rad=0.2))
-    bases = {name: arm.T_world_base for name, arm in STATION.arms.items()}
-    clock = SimpleNamespace(now_s=lambda: NOW_S)
-    cell = SimpleNamespace(arms=STATION.models, T_world_base_registered=bases, robot=robot, clock=clock)
-    both = Traffic(cell, ("psm1", "psm2"), 2e-3)
+    both = beside(other, 0.2)
     both.lanes["psm2"].announced = other.arm.trajectory if goes_to_m else None
     mover = body("psm1", (-0.01, -0.05), to_m, NOW_S)
     for at_s, until_s in ((NOW_S, NOW_S), (mover.arm.end_s, other.arm.end_s)):

@@ -81,8 +81,15 @@ class MovingArm:
         shift = self.trajectory.times_s[0] - self.start_s
         return self.trajectory(np.asarray(t_s, dtype=np.float64) + shift, order)
 
+    @property
+    def rests(self) -> bool:
+        """Return whether its trajectory is one constant."""
+        return self.trajectory.coefficients.shape[:2] == (1, 1)
+
     def ends_m(self, t_s: ArrayLike) -> Array:
         """Return the ends of the instrument's capsules in the world at the times (...,): (..., 4, 2, 3) m."""
+        if self.rests and np.ndim(t_s):
+            return np.broadcast_to(self.ends_m(self.start_s), (*np.shape(t_s), len(SOLIDS), 2, 3))
         return capsules(self.model, self.joints(t_s), self.jaw_rad).moved(self.T_world_base).ends_m
 
 
@@ -253,6 +260,8 @@ def greatest_accelerations(arm: MovingArm, begin_s: Array, end_s: Array) -> Arra
         begin_s: (n,) starts of the intervals; none holds a knot of the trajectory inside.
         end_s: (n,) their ends.
     """
+    if arm.rests:
+        return np.zeros((len(begin_s), len(SOLIDS)))
     middle, half = (begin_s + end_s) / 2, (end_s - begin_s)[:, None] / 2
     speed, push = _greatest_rates(arm, middle, half)
     turning = speed.copy()

@@ -11,7 +11,7 @@ import trio
 from trocar.arms import ArmModel, MotionLimits
 from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import ArmMoving, ArmStopped, TrocarError, UnknownName
-from trocar.geometry.arrays import Array
+from trocar.geometry.arrays import Array, appended
 from trocar.robots.executor import Ending, TrajectoryExecutor
 from trocar.trajectory import Trajectory
 
@@ -220,7 +220,8 @@ class Driver:
         arm.sent = q[-1]
         step_s = float(times_s[0] - self._now_s())
         if arm.executor.moving or arm.sent_velocity.any():
-            change = np.diff(velocity, axis=0, prepend=arm.sent_velocity[None]) / step_s
+            before = np.concatenate([arm.sent_velocity[None], velocity[:-1]])
+            change = (velocity - before) / step_s
             shares = np.abs(velocity) / arm.limits.velocity, np.abs(change) / arm.limits.acceleration
             arm.limit_use = np.maximum(arm.limit_use, [share.max() for share in shares])
             arm.sent_velocity = velocity[-1]
@@ -266,8 +267,8 @@ class Driver:
         for name, arm in self._arms.items():
             arm.reading = readings.get(name, arm.reading)
             if self._records:
-                arm.commanded.append(np.append(arm.sent, arm.jaw.rad))
-                arm.measured.append(np.append(arm.reading.q, arm.reading.jaw_rad))
+                arm.commanded.append(appended(arm.sent, arm.jaw.rad))
+                arm.measured.append(appended(arm.reading.q, arm.reading.jaw_rad))
             ending = arm.executor.advance(now_s)
             if ending is not None:
                 self._finish(arm, ending)

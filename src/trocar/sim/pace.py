@@ -145,7 +145,7 @@ class Stepping:
             self._granted -= 1
             return
         self._at_rest.put(None)
-        ticks = await trio.to_thread.run_sync(self._may_tick.get)
+        ticks = self._may_tick.get()  # nothing else runs in this thread until the outside program steps on
         if not ticks:
             self._left = True  # the last ticks, in which the arms come to rest, wait for nobody
             self._laboratory.end()

@@ -13,7 +13,7 @@ import numpy as np
 from trocar.arms import fk
 from trocar.cell import Robot
 from trocar.geometry import SE3, SO3
-from trocar.geometry.arrays import Array
+from trocar.geometry.arrays import Array, appended
 from trocar.replay import Solid
 from trocar.sim.spec import SHAPES
 
@@ -101,13 +101,13 @@ class Recorder:
         """Take one sample."""
         world = self._world
         self._times.append(time_s)
-        self._free.append(world.free_poses().copy())
+        self._free.append(world.free_poses())
         for name, rows in self._rows.items():
             reading, jaw_rad = self._robot.read(name), self._jaw_command_rad(name)
-            rows["desired"].append(np.append(self.desired_of.setpoint(name).q, jaw_rad))
-            rows["commanded"].append(np.append(self._robot.setpoint(name).q, jaw_rad))
-            rows["measured"].append(np.append(reading.q, reading.jaw_rad))
-            rows["true"].append(np.append(world.joints(name), world.jaw_rad(name)))
+            rows["desired"].append(appended(self.desired_of.setpoint(name).q, jaw_rad))
+            rows["commanded"].append(appended(self._robot.setpoint(name).q, jaw_rad))
+            rows["measured"].append(appended(reading.q, reading.jaw_rad))
+            rows["true"].append(appended(world.joints(name), world.jaw_rad(name)))
 
     def record(self, collisions: tuple[Collision, ...]) -> Record:
         """Return the record so far."""

@@ -203,7 +203,7 @@ class World:
 
     def joints(self, name: str) -> Array:
         """Return the true joints (6,)."""
-        return self.data.qpos[self.arms[name].qpos].copy()
+        return self.data.qpos[self.arms[name].qpos]
 
     def jaw_rad(self, name: str) -> float:
         """Return the true opening of the jaws."""

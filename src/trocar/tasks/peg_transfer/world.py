@@ -59,13 +59,14 @@ class PegWorld(TaskWorld):
         pairs = self._world.data.contact.geom[: self._world.data.ncon].T
         finger, block = np.maximum(*self._finger[pairs]), np.maximum(*self._block[pairs])
         there = (finger >= 0) & (block >= 0)
-        touches = np.zeros((self._world.model.ngeom, self._count), dtype=bool)
-        touches[finger[there], block[there]] = True
+        touches = set(zip(finger[there].tolist(), block[there].tolist(), strict=True))
         self._held = {}
         for name, index in self._world.arms.items():
-            held = np.asarray(touches[list(index.fingers)].all(axis=0))
+            both = [k for k in range(self._count) if all((one, k) in touches for one in index.fingers)]
+            held = np.zeros(self._count, dtype=bool)
+            held[both] = True
             self._held_at.setdefault(name, []).append(held)
-            self._held.update(dict.fromkeys(np.flatnonzero(held).tolist(), name))
+            self._held.update(dict.fromkeys(both, name))
 
     def collision(self, first: int, second: int) -> CollidingPair | None:
         """Return the colliding pair if an arm, or a block that it holds, touches a peg, else None."""
