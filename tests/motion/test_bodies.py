@@ -67,6 +67,9 @@ def test_one_that_rests_is_always_where_it_is():
     arm = MovingArm.resting(PSM, FOUR[1], LEFT, 0.2)
     assert arm.start_s == 0.0 and 0 < arm.end_s < 0.01 and arm.jaw_rad == 0.2
     np.testing.assert_array_equal(arm.joints([-5.0, 0.0, 5.0]), np.tile(FOUR[1], (3, 1)))
+    there = capsules(PSM, FOUR[1], 0.2).moved(LEFT).ends_m
+    np.testing.assert_allclose(arm.ends_m([-5.0, 5.0]), [there, there], rtol=0.0, atol=1e-15)
+    assert not greatest_accelerations(arm, np.zeros(2), np.ones(2)).any()
     assert MovingArm(PSM, LATE).start_s == MovingArm(PSM, LATE).jaw_rad == 0.0
     assert MovingArm.resting(PSM, FOUR[1]).jaw_rad == 0.0
 
