@@ -17,6 +17,8 @@ from trocar.trajectory import Trajectory
 
 MOST_ZERO_RAD = 0.15
 """Larger encoder readings of closed jaws are rejected (assumed)."""
+INSIDE = 1e-6
+"""A wrist is exercised up to this distance (rad, m) from the ends of its range: rounding must not take it beyond."""
 
 
 @dataclass(eq=False)
@@ -66,9 +68,10 @@ class ArmScript:
 
         Near the end of a joint's range, it turns as far, but further to the other side.
         """
-        home, swing = self.q, np.array([0.0, 0.0, 0.0, *EXERCISE_RAD])
-        middle = np.clip(home, self.model.lower + swing, self.model.upper - swing)
-        for q in (middle + swing, middle - swing, home):
+        home, lower, upper = self.q, self.model.lower + INSIDE, self.model.upper - INSIDE
+        swing = np.minimum([0.0, 0.0, 0.0, *EXERCISE_RAD], (upper - lower) / 2)
+        middle = np.clip(home, lower + swing, upper - swing)
+        for q in (middle + swing, middle - swing, np.clip(home, lower, upper)):
             await self.go(q)
 
     async def go(self, q: Array) -> MotionResult:
