@@ -58,9 +58,13 @@ class Figures:
         older = self.older()
         for name, record in self.records.items():
             if record.older != (name in older):
-                self.records[name] = replace(record, older=name in older)
-                write_record(self.root, name, self.records[name])
+                self.keep(name, replace(record, older=name in older))
         return self.tables.write()
+
+    def keep(self, name: str, record: Record) -> None:
+        """Keep a record, here and in its file; files are written by one thread alone, or an old one may win."""
+        self.records[name] = record
+        write_record(self.root, name, record)
 
     def headlines(self) -> set[str]:
         """Return the measurements that stand in README."""
@@ -119,7 +123,7 @@ def _measured(figures: Figures, todo: Sequence[Measurement], at_once: int, again
             for number, done in enumerate(as_completed(running), start=1):
                 name = running[done].name
                 try:
-                    figures.records[name] = done.result()
+                    figures.keep(name, done.result())
                     figures.write()
                     same, then = figures.records[name].same_at, figures.records[name].commit
                     told = f"the first {FIRST} sessions are the same as at {then}, carried over" if same else "measured"

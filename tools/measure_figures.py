@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from declared_figures import Measurement, Record, write_record
+from declared_figures import Measurement, Record
 from source_age import commit_of, digest_of, unpack
 from trocar.errors import TrocarError
 from trocar.eval.trial import FORMAT, VERSION
@@ -40,7 +40,7 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def measure(root: Path, measurement: Measurement, jobs: int, before: Record | None = None) -> Record:
-    """Run a measurement's command, and keep and return its record.
+    """Run a measurement's command, and return its record.
 
     Files kept between runs are in a folder for these sources, so that results of other code are not mixed in.
 
@@ -74,7 +74,6 @@ def measure(root: Path, measurement: Measurement, jobs: int, before: Record | No
         values = read_answer(measurement, run(measurement.command))
         today = datetime.datetime.now(datetime.UTC).date().isoformat()
         record = Record(measurement.command, commit, values, today, digest, trials=first_trials(root / folder))
-    write_record(root, measurement.name, record)
     return record
 
 
