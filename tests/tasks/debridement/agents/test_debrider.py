@@ -101,7 +101,8 @@ class Arm:
         await self.act("go", place)
         self.height_m += lift_m
         self.over = place == "over"
-        assert not self.over or self.stage.coordinator.try_reserve(self.name, RECEPTACLE), "nobody else may be there"
+        alone = not self.over or not self.s.token or self.stage.coordinator.try_reserve(self.name, RECEPTACLE)
+        assert alone, "nobody else may be there"
 
     async def observe(self, name):
         await self.act("look")
@@ -175,15 +176,20 @@ def test_an_arm_takes_a_fragment_over_the_receptacle_looks_and_goes_home(setting
     played(script, [lying(LEFT_M)], settings=settings)
 
 
-def test_each_arm_clears_its_side_and_one_waits_beside_the_receptacle():
+@pytest.mark.parametrize("token", [False, True])
+def test_each_arm_clears_its_side_and_with_a_token_one_waits_beside_the_receptacle(token):
     async def script(stage):
+        for arm in stage.arms.values():
+            arm.takes_s = {"jaw": 3.0}
         await stage.run("left", "right")
         assert stage.outcomes() == ["DONE", "DONE"] and not stage.lying
+        releases = [event["time_s"] for event in stage.log.events if event["name"] == "releasing"]
         beside = [name for name, arm in stage.arms.items() if ("go", "beside") in arm.did]
-        assert len(beside) == 1, "the other one was first"
+        assert beside == (["left", "right"] if token else [])
+        assert (releases[1] - releases[0] > 2.9) == token, "one after the other"
         assert {arm.carried.p_world_m[0] for arm in stage.arms.values()} == {LEFT_M[0], RIGHT_M[0]}
 
-    played(script, [lying(LEFT_M), lying(RIGHT_M)])
+    played(script, [lying(LEFT_M), lying(RIGHT_M)], settings=replace(best(), token=token))
 
 
 def test_an_arm_for_which_nothing_is_left_waits_for_the_other_one_and_looks_again():

@@ -19,7 +19,6 @@ from trocar.motion import rest_to_rest
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import StepEnded
 from trocar.tasks.debridement.agents.motions import (
-    HIGHER_M,
     MotionProblems,
     MotionRunner,
     NoMotion,
@@ -278,7 +277,7 @@ def test_walls_are_higher_for_an_arm_that_carries_something_past_them():
         walls = problems().obstacles(beside_wall)
         return max(part.end_m[2] for name, part in walls.items() if name.startswith("receptacle"))
 
-    assert top_m(False) - top_m(True) == pytest.approx(HIGHER_M)
+    assert top_m(False) - top_m(True) == pytest.approx(best().hanging_m)
 
 
 def test_another_arm_is_where_it_is_commanded_now_and_goes_on_from_there():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trocar.lab import load_station
-from trocar.tasks.debridement.agents.places import ENDS_ABOVE_M, NEAR_M, TURNS_RAD, Places
+from trocar.tasks.debridement.agents.places import NEAR_M, TURNS_RAD, Places
 from trocar.tasks.debridement.agents.settings import best, paper
 from trocar.tasks.debridement.goals import Receptacle
 from trocar.tasks.debridement.perception.fragments import SeenFragment
@@ -50,7 +50,7 @@ def gap_m(grasp):
 def test_fingers_end_just_over_the_work_surface_with_the_fragment_between_them():
     for grasp in grasps():
         back, ends = grasp.T_world_grasp.rotation.matrix[:, 2], ends_of(grasp)
-        assert ends[2] == pytest.approx(TABLE_M + ENDS_ABOVE_M[0])
+        assert ends[2] == pytest.approx(TABLE_M + best().ends_above_m[0])
         up = FRAGMENT.p_world_m - ends
         np.testing.assert_allclose(np.cross(up, back), 0.0, atol=1e-9, err_msg="the approach goes through its middle")
         above = grasp.T_world_above.translation_m - grasp.T_world_grasp.translation_m
@@ -64,10 +64,12 @@ def test_after_a_failure_the_next_way_is_tried_and_deeper_but_not_below_the_surf
         again, way = grasps(failures=failures), failures % len(first)
         assert [turn_of(grasp.T_world_grasp) for grasp in again] == [*first[way:], *first[:way]]
         heights = {round(float(ends_of(grasp)[2] - TABLE_M), 9) for grasp in again}
-        assert heights == {ENDS_ABOVE_M[min(failures, 2)]}
-    assert list(ENDS_ABOVE_M) == sorted(ENDS_ABOVE_M, reverse=True) and ENDS_ABOVE_M[-1] > 0
+        assert heights == {best().ends_above_m[min(failures, 2)]}
+    assert list(best().ends_above_m) == sorted(best().ends_above_m, reverse=True) and best().ends_above_m[-1] > 0
     (straight,) = grasps(settings=paper(), failures=3)
-    assert ends_of(straight)[2] == pytest.approx(TABLE_M + ENDS_ABOVE_M[0]), "the paper's program repeats itself"
+    assert ends_of(straight)[2] == pytest.approx(TABLE_M + paper().ends_above_m[0]), (
+        "the paper's program repeats itself"
+    )
 
 
 @pytest.mark.parametrize(("yaw_rad", "width_m"), [(np.pi / 2, SHORT_M), (0.0, LONG_M)])

@@ -30,7 +30,7 @@ def test_the_paper_s_method_has_the_numbers_of_the_paper_and_its_program():
     settings = paper()
     assert {name: getattr(settings, name) for name in PAPER} == PAPER
     assert 2.1 <= settings.plan_budget_s <= 2.7, "as long as its plans took"
-    assert settings.centralised and settings.holds_first and not settings.flows
+    assert settings.centralised and settings.token and not settings.ahead and not settings.flows
 
 
 def test_plans_of_the_paper_s_method_keep_half_a_millimetre_more_than_the_guard():

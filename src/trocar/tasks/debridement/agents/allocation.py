@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ IN_JAWS_M = 0.025
 ONE_M = 0.007
 """Two fragments seen this close to each other are parts of one that a finger in front divides; the paper's program
 merges them too."""
+MOST_AHEAD = 7  # arms think ahead once at most this many fragments are left, because the orders multiply
 PATIENCE_S = 20.0  # a place where an arm failed is avoided for this long, if there is another one
 
 
@@ -88,16 +90,19 @@ class Allocation:
         return bool((away < 0.5 * np.array(self.workspace.receptacle.size_m) - inside_m).all())
 
     def choices(
-        self, arm: str, side: int, fragments: Sequence[SeenFragment], apart_m: float, now_s: float
+        self, arm: str, side: int, fragments: Sequence[SeenFragment], apart_m: float, now_s: float, ahead: bool = True
     ) -> list[SeenFragment]:
         """Return the fragments that an arm may take, the outermost on its side (+1 at +x, -1) first (V-C.2).
 
-        Places where it failed recently come last; those to which it found no path are left to the other arm, if that is
-        still working.
+        With ``ahead``, those come first after which the arms, in turn, get least in each other's way. Places where it
+        failed recently come last; those to which it found no path are left to the other arm, if that is still working.
         """
         others = [place for name, place in self.claimed.items() if name != arm]
         free = [f for f in fragments if all(f.away_m(place) > apart_m for place in others)]
         free.sort(key=lambda f: -side * float(f.p_world_m[0]))
+        left = [f for f in fragments if all(f.away_m(place) > SAME_M for place in others)]
+        if ahead and self.busy - {arm} and len(left) <= MOST_AHEAD:
+            free.sort(key=lambda f: _clashes(f, [other for other in left if other is not f], -side, apart_m))
         recent = [failure for failure in self.failures if now_s - failure.time_s < PATIENCE_S]
         if self.busy - {arm}:
             blocked = [failure for failure in recent if failure.blocked and failure.arm == arm]
@@ -121,3 +126,22 @@ class Allocation:
     def carry(self, arm: str) -> None:
         """Note that an arm has left the work surface with its fragment."""
         self.claim(arm, self.T_world_receptacle.translation_m)
+
+
+def _clashes(taken: SeenFragment, left: Sequence[SeenFragment], side: int, apart_m: float) -> int:
+    """Return how often arms that take turns, that of ``side`` next, clash in the best order of what is left.
+
+    They clash at two fragments in a row that are closer together than ``apart_m``, or where each arm would have to
+    reach past the other one.
+    """
+    places = [f.p_world_m[:2] for f in (taken, *left)]
+
+    @cache
+    def least(last: int, among: frozenset[int], side: int) -> int:
+        return min((clash(last, one, side) + least(one, among - {one}, -side) for one in among), default=0)
+
+    def clash(last: int, one: int, side: int) -> int:
+        off = places[one] - places[last]
+        return int(np.linalg.norm(off) <= apart_m) + int(side * off[0] < 0)
+
+    return least(0, frozenset(range(1, len(places))), side)

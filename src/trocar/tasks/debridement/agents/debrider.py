@@ -26,16 +26,12 @@ CLEAR_M = 0.031
 """From a tip this high over the work surface, a look at the jaws no longer shows what may have stayed below them: it
 reaches 18 mm down from the tip, and fragments are up to 12 mm high."""
 SHORT_S = 0.05
-RECEPTACLE = "receptacle"  # the space over the receptacle is for one arm at a time (V-C.2: the arms pass a token)
+RECEPTACLE = "receptacle"  # with a token, the space over the receptacle is for one arm at a time (V-C.2)
 INSIDE_M = 0.014
 """Jaws open on their way over the receptacle once the tip is this far from its walls; it goes on inwards meanwhile.
 Fragments are up to 16 mm long."""
-PARTED_RAD, ALMOST_RAD = 0.5, 0.1
-"""Jaws that open count as parted, and are looked at, once they have opened by the first angle, or to within the second
-of the widest that they open."""
-LOOK_S = 0.28
-"""Time from the release to the look for the next fragment: less than jaws take to open, with the time of the look."""
-TICK_S = 0.02  # between two readings of jaws that open
+PARTED_RAD = 0.5  # jaws let a fragment go by opening this far; they open as the next one needs on the way to it
+LOOK_S = 0.12  # from the release to the look for the next fragment: the arm has nearly come to rest
 FRESH_S = 0.8  # a look at the release of a fragment serves to choose the next one for this long
 IDLE_S = 5.0  # an idle arm looks again after this time, or once the other one has made progress
 
@@ -130,8 +126,8 @@ class Debrider:
         if self.allocation.full(observed.fragments, tips):
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
         loose = [*self.allocation.loose(observed.fragments), *self.allocation.loose(observed.hidden)]
-        now_s, untried = self.cell.clock.now_s(), loose
-        while choices := self.allocation.choices(self.name, self.arm.side, untried, self.s.apart_m, now_s):
+        now_s, untried, s = self.cell.clock.now_s(), loose, self.s
+        while choices := self.allocation.choices(self.name, self.arm.side, untried, s.apart_m, now_s, s.ahead):
             changes = self.allocation.changes
             fragment = choices[await self.cell.choose([self._offer(choice) for choice in choices])]
             if self.allocation.changes != changes:  # while a person chose, the other arm has claimed one
@@ -208,7 +204,7 @@ class Debrider:
                 self.allocation.carry(self.name)
                 await self._check()
                 await self._bring()
-                await self._open()
+                await self._open(self.s.open_rad)
             return await self._let_go()
         except NothingHeld:
             await self.arm.jaw(grasp.open_rad)
@@ -242,7 +238,7 @@ class Debrider:
         await self._check()
         while not (self._has_arrived or self._is_over()):
             await self.cell.clock.sleep(SHORT_S)
-        await together(self._open, self._look_ahead, self._look_back)
+        await together(self._part, self._look_ahead)
 
     async def _risen_to(self, height_m: float) -> None:
         """Wait until the tip is this high in the world, or where the jaws open."""
@@ -250,13 +246,13 @@ class Debrider:
             await self.cell.clock.sleep(SHORT_S)
 
     def _is_over(self) -> bool:
-        """Return whether the tip is over the receptacle, high enough, and the receptacle is reserved for the arm.
+        """Return whether the tip is over the receptacle, high enough, and the arm may let go there.
 
         Lower, a look at the open jaws would show what lies below them.
         """
         tip = self.arm.robot.T_world_tip(self.name).translation_m
         is_there = self.allocation.over_receptacle(tip, INSIDE_M) and float(tip[2]) > self.places.table_m + CLEAR_M
-        return is_there and self.coordinator.try_reserve(self.name, RECEPTACLE)
+        return is_there and (not self.s.token or self.coordinator.try_reserve(self.name, RECEPTACLE))
 
     async def _look_ahead(self) -> None:
         """Look for the next fragment, once the arm has nearly come to rest: further out, it hides more of them."""
@@ -267,17 +263,14 @@ class Debrider:
         """Keep what a look showed for the choice of the next fragment."""
         self._look = self.cell.clock.now_s(), self.arm.observer.memory.taken, observed
 
-    async def _look_back(self) -> None:
-        """Look whether the fragment clings to the jaws, once they have opened far enough to let it go."""
-        read, name = self.arm.robot.read, self.name
-        parted_rad = min(read(name).jaw_rad + PARTED_RAD, self.s.open_rad - ALMOST_RAD)
-        while read(name).jaw_rad < parted_rad:
-            await self.cell.clock.sleep(TICK_S)
-        self._clings = await self.arm.observer.clings(name)
+    async def _part(self) -> None:
+        """Part the jaws over the receptacle, and look whether the fragment clings to them."""
+        await self._open(min(self.arm.robot.read(self.name).jaw_rad + PARTED_RAD, self.s.open_rad))
+        self._clings = await self.arm.observer.clings(self.name)
 
     async def _bring(self, lift_m: float = 0.0) -> None:
-        """Go over the receptacle, first straight up by this height; the receptacle is then reserved for the arm."""
-        if self.s.holds_first or not self.coordinator.try_reserve(self.name, RECEPTACLE):
+        """Go over the receptacle, first straight up by this height; with a token, wait beside it until it is free."""
+        if self.s.token:
             await self.arm.go_to_one(self.places.hold(self.arm.side, self.arm.turn_rad), lift_m)
             with self.cell.log.span(self.name, "waiting"), self.coordinator.idle(self.name):
                 await self.coordinator.reserve(self.name, RECEPTACLE)
@@ -286,10 +279,10 @@ class Debrider:
         await self.arm.go_to_one(self.places.drop(self.arm.side, self.arm.turn_rad), lift_m, *enough)
         self._has_arrived = True
 
-    async def _open(self) -> None:
+    async def _open(self, angle_rad: float) -> None:
         """Open the jaws over the receptacle."""
         self.cell.log.event("releasing", arm=self.name)
-        await self.arm.jaw(self.s.open_rad)
+        await self.arm.jaw(angle_rad)
 
     async def _let_go(self) -> tuple[FragmentOutcome, str]:
         """Shake off what clings to the open jaws."""

@@ -29,9 +29,6 @@ MAX_FACING_RAD = np.radians(75.0)  # beyond this angle the marks are seen too mu
 SUNK_M = 2.5e-3
 """For planning, the work surface is lowered by this and the margin: a finger's capsule is that much thicker than its
 end, and arms come close to the surface to take fragments."""
-HIGHER_M = 10e-3
-"""For planning, the receptacle's walls are this much higher, because a carried fragment hangs lower than the
-fingers."""
 PATH_STEP_S = 0.05
 LEAST_WAIT_S, MOST_WAIT_S = 0.01, 0.1  # limits of the interval between checks whether an arm is to be stopped
 
@@ -92,7 +89,7 @@ class MotionProblems:
         T_world_table, box = self.cell.T_world_fixture["table"], self.workspace.receptacle
         normal = T_world_table.rotation.matrix[:, 2]
         table = HalfSpace(T_world_table.translation_m - (SUNK_M + self.settings.margin_m) * normal, normal)
-        height_m = box.height_m + (0.0 if beside_wall else HIGHER_M)
+        height_m = box.height_m + (0.0 if beside_wall else self.settings.hanging_m)
         T_world_receptacle = self.cell.T_world_fixture["receptacle"]
         walls = open_box("receptacle", T_world_receptacle, inside_m=box.size_m, height_m=height_m, radius_m=box.wall_m)
         return {"table": table, **walls}

@@ -86,11 +86,11 @@ class FragmentMemory:
     def take(self, arm: str, p_world_m: NDArray[np.float64]) -> None:
         """Record that the jaws of an arm have closed on what lay at a place (3,), or was shifted from there.
 
-        That is the fragment nearest to it; neighbours are still there.
+        That is the fragment nearest to it, and all that is so close that it was seen twice; neighbours are still there.
         """
-        taken = min(self._lying, key=lambda old: old.away_m(p_world_m), default=None)
-        if taken is not None and taken.away_m(p_world_m) <= SHIFTED_M:
-            self._lying = [old for old in self._lying if old is not taken]
+        nearest_m = min((old.away_m(p_world_m) for old in self._lying), default=np.inf)
+        reach_m = max(SAME_M, nearest_m if nearest_m <= SHIFTED_M else 0.0)
+        self._lying = [old for old in self._lying if old.away_m(p_world_m) > reach_m]
         self._carrying.add(arm)
         self.taken += 1
 

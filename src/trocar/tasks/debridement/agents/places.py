@@ -17,13 +17,9 @@ TILT_RAD = np.radians(8.0)
 """The gripper leans back by this, so that the marks on its fingers face a camera at the front."""
 TURNS_RAD = np.radians([0.0, -15.0, 15.0, -30.0, 30.0, -40.0, 40.0])
 """Rotations about the vertical that are tried; beyond them, marks turn away from the camera."""
-ENDS_ABOVE_M = (2.0e-3, 1.2e-3, 0.4e-3)
-"""Height over the work surface at which closed jaws end, at first, after a failure there, and after more: low pieces
-with slanted sides slip out of jaws that hold them near their top."""
 BESIDE_M = 0.045  # where arms wait: this far from the receptacle's middle, to their side
-OVER_M, NEARER_M = 0.025, 0.012
-"""Where arms let go: this far from the receptacle's middle, to their side, and this much closer to the fragments; 23 mm
-inside the wall."""
+OVER_M = 0.025  # where arms let go: this far from the receptacle's middle, to their side
+NEAREST_M = 0.030  # no closer to the fragments than this, 5 mm inside the wall, if the first choice is out of reach
 NEAR_M = tuple((out, back) for out in (0.0, 0.010, -0.012, 0.018, -0.025) for back in (0.0, -0.010, 0.010, -0.018))
 """Displacements, outwards and across, that are tried in turn if a place is out of reach."""
 NEAR_RAD = (0.0, 0.35, -0.35)  # rotations of the gripper there, outwards, besides the present one
@@ -67,14 +63,17 @@ class Places:
 
     def drop(self, side: int, turn_rad: float) -> list[SE3]:
         """Return where an arm may let go."""
-        return self._around(side, turn_rad, OVER_M, -NEARER_M, self.settings.drop_high_m)
+        nearer_m = self.settings.drop_nearer_m
+        return self._around(side, turn_rad, OVER_M, -nearer_m, self.settings.drop_high_m, -NEAREST_M)
 
-    def _around(self, side: int, turn_rad: float, along_m: float, across_m: float, high_m: float) -> list[SE3]:
+    def _around(
+        self, side: int, turn_rad: float, along_m: float, across_m: float, high_m: float, least_m: float = -np.inf
+    ) -> list[SE3]:
         """Return poses at and near a place; bases and cables determine which of them are within reach."""
         turns = [side * turn for turn in NEAR_RAD]
         if self.settings.turns:
             turns.insert(0, float(np.clip(turn_rad, TURNS_RAD.min(), TURNS_RAD.max())))
-        shifts = [np.array([side * (along_m + out), across_m + back, 0.0]) for out, back in NEAR_M]
+        shifts = [np.array([side * (along_m + out), max(across_m + back, least_m), 0.0]) for out, back in NEAR_M]
         foot = np.array([*self.receptacle_m[:2], self.table_m + high_m])
         return [SE3.from_parts(_leaning(turn), foot + shift) for shift in shifts for turn in turns]
 
@@ -87,7 +86,8 @@ class Places:
         ``failures`` at the fragment, the next ones come first, and deeper.
         """
         turns = TURNS_RAD if self.settings.turns else TURNS_RAD[:1]
-        above_m = ENDS_ABOVE_M[min(failures, len(ENDS_ABOVE_M) - 1) if self.settings.turns else 0]
+        heights_m = self.settings.ends_above_m
+        above_m = heights_m[min(failures, len(heights_m) - 1)]
         found = [(float(turn), *self._grasp(fragment, others, arm, float(turn), above_m)) for turn in turns]
         found.sort(key=lambda way: (way[2].crowded, way[1] + METRES_PER_RAD * abs(way[0] - turn_rad)))
         grasps, again = [grasp for _, _, grasp in found], failures % len(found)

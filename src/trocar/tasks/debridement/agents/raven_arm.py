@@ -53,9 +53,9 @@ SEARCH = tuple((0.01 * np.array(place_cm), np.radians(lean_deg)) for place_cm, l
 down and towards the middle first (x), then turned, across and up. Its true pose is unknown; if it were low, it would be
 in the picture, and its rotation may be wrong by 25 deg."""
 SHAKES, SHAKEN_RAD = 2, 2.0
-"""Jaws to which a fragment clings close and open again, this many times and this wide. Jaws that are less open hold a
-charged fragment between both fingers; opened this far, mostly only one finger keeps it, and closing changes how it
-hangs there."""
+"""Jaws to which a fragment clings open wider, then close and open again, so many times in all. Jaws that are less open
+hold a charged fragment between both fingers; opened this far, mostly only one finger keeps it, and closing changes how
+it hangs there."""
 SHAKEN_M = 0.008
 """The first time, the jaws also rise by this, so that a fragment that merely lay behind them stays behind."""
 STROKES = tuple(product((1.2, 2.0, 0.7), (0.014, 0.013, 0.012)))
@@ -150,12 +150,13 @@ class RavenArm:
             await self._step(TipGoal(raised(T_world_tip, low), self.s.descent_speed_m_s, straight=True))
 
     async def _lift(self, goal: TipGoal, by_m: float) -> None:
-        """Go straight up, and on without a stop; if no such path is found, only go up."""
+        """Go straight up, and on without a stop; if no such path is found, only go up, over walls that are too near."""
         up = raised(self.robot.T_world_tip(self.name), by_m)
         try:
             await self.runner.step(self.name, replace(goal, T_world_through=(up,)))
-        except NoMotion:
-            await self.rise(by_m)
+        except NoMotion as error:
+            over_m = self.places.table_m + self.s.drop_high_m - self.height_m
+            await self.rise(max(by_m, over_m) if error.begins_too_near else by_m)
 
     async def _step(self, goal: TipGoal) -> None:
         """Go one step, as soon as there is a path."""
@@ -275,12 +276,13 @@ class RavenArm:
     async def _approach(self, grasp: Grasp) -> None:
         """Go above a grasp, and on down to it without a stop if its place is known well enough."""
         above, down = grasp.T_world_above, grasp.T_world_grasp
-        beside_wall = not self.problems.clear(self.name, above, grasp.open_rad, beside_wall=False)
-        if self.s.flows and self._been_down and self.robot.age_s(self.name) <= self.s.fresh_s:
-            goal = TipGoal(down, self.s.tip_speed_m_s, beside_wall=beside_wall, T_world_through=(above,))
+        if self.s.flows and self.robot.age_s(self.name) <= self.s.fresh_s:
+            # nothing hangs from open jaws, so they may pass low over walls
+            goal = TipGoal(down, self.s.tip_speed_m_s, beside_wall=True, T_world_through=(above,))
             with suppress(NoMotion):  # there may be a path to the place above
                 await self.runner.step(self.name, goal)
         if not self._is_low(grasp):
+            beside_wall = not self.problems.clear(self.name, above, grasp.open_rad, beside_wall=False)
             await self.go(above, precise=self.s.confirms_above, beside_wall=beside_wall)
 
     def _is_low(self, grasp: Grasp) -> bool:
@@ -343,8 +345,8 @@ class RavenArm:
     async def shed(self, number: int) -> None:
         """Try way ``number`` of ``WAYS`` to get rid of a fragment that clings, shakes first; then open wide."""
         if number == 0:
-            await together(partial(self.jaw, 0.0), partial(self.rise, SHAKEN_M))
-        elif number < SHAKES:
+            return await together(partial(self.jaw, SHAKEN_RAD), partial(self.rise, SHAKEN_M))
+        if number < SHAKES:
             await self.jaw(0.0)
         else:
             open_rad, height_m = STROKES[number - SHAKES]
