@@ -141,6 +141,15 @@ def test_measuring_writes_what_commands_print_into_the_pages_and_nothing_else(re
     assert f"drops: of this code, measured on {record['date']}" in told and "0 to measure" in told
 
 
+def test_records_are_written_by_the_thread_that_marks_older_ones_alone(repository):
+    """Of two writers, one would overwrite what the other has just measured by the older record that it had read."""
+    record = measure_figures.measure(repository, read_measurements(repository)["drops"], 1)
+    path = repository / "docs/figures/measured/drops.json"
+    assert record.values and not path.exists()
+    figures.Figures(repository).keep("drops", record)
+    assert json.loads(path.read_text())["digest"] == record.digest
+
+
 def test_what_was_never_measured_is_said_in_the_docs_and_left_out_of_readme(repository):
     assert figures.main(["write"], repository) == 0
     assert "drops" not in (repository / "README.md").read_text()

@@ -50,6 +50,16 @@ def test_each_arm_takes_the_outermost_on_its_side_first(allocation):
     assert places(allocation.choices("right", -1, ALL, APART_M, 0.0)) == [OUTER_RIGHT, MIDDLE, OUTER_LEFT]
 
 
+def test_arms_that_think_ahead_do_not_leave_two_that_are_too_close_together_to_the_end(allocation):
+    pair = (-0.07, -0.07), (-0.08, -0.075)
+    four = [seen(*place) for place in (OUTER_LEFT, *pair, OUTER_RIGHT)]
+    for arm, side, outer, one in (("left", 1, OUTER_LEFT, pair[0]), ("right", -1, OUTER_RIGHT, pair[1])):
+        assert places(allocation.choices(arm, side, four, APART_M, 0.0))[0] == one
+        assert places(allocation.choices(arm, side, four, APART_M, 0.0, ahead=False))[0] == outer, "as the paper has it"
+    allocation.busy = {"left"}
+    assert places(allocation.choices("left", 1, four, APART_M, 0.0))[0] == OUTER_LEFT, "nobody is in its way"
+
+
 def test_nothing_near_the_other_arms_fragment_is_given_until_it_carries_that_away(allocation):
     near = seen(MIDDLE[0] + 0.02, MIDDLE[1])
     allocation.claim("right", ALL[0].p_world_m)

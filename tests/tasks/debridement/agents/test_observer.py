@@ -74,6 +74,13 @@ def test_what_jaws_have_shifted_before_they_took_it_is_not_remembered():
     assert not hidden
 
 
+def test_what_was_taken_is_forgotten_at_both_places_if_it_was_seen_as_two(memory):
+    beside = PLACE + [0.008, 0.0, 0.0]
+    memory.update([fragment(), fragment(beside)], EYES, {"left": arm(0.2)})
+    memory.take("right", PLACE + [0.001, 0.0, 0.0])
+    assert memory.update([], EYES, {"left": arm(), "right": arm(0.2)}).hidden == []
+
+
 def test_a_neighbour_of_what_was_taken_is_still_there_behind_the_arm(memory):
     memory.update([fragment(), fragment(PLACE + [0.013, 0.0, 0.0])], EYES, {"left": arm(0.2)})
     memory.take("right", PLACE + [0.012, 0.0, 0.0])

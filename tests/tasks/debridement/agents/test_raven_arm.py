@@ -16,7 +16,7 @@ from trocar.errors import ArmStopped, NoPlan, TooNear, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
 from trocar.tasks.debridement.agents.adjusted import StepEnded
-from trocar.tasks.debridement.agents.motions import NoMotion
+from trocar.tasks.debridement.agents.motions import NoMotion, TipGoal
 from trocar.tasks.debridement.agents.places import Grasp, Places, raised
 from trocar.tasks.debridement.agents.raven_arm import (
     FEW,
@@ -371,6 +371,17 @@ def test_what_has_not_helped_in_one_way_is_tried_in_another():
     strokes = [way for way in done if way[0] == "stroke"]
     assert len(strokes) == len(set(strokes)) == len(STROKES)
     assert all(0.010 < height_m + 0.162 < 0.015 for _, height_m, _ in strokes), "over the receptacle's floor"
+
+
+def test_an_arm_that_begins_to_lift_too_near_a_wall_first_rises_over_it():
+    class Near(NoMotion):
+        begins_too_near = True
+
+    low, table = np.array([-0.05, -0.05, -0.150]), float(TABLE.translation_m[2])
+    for refusal, height_m in ((Near, table + best().drop_high_m), (NoMotion, low[2] + best().lift_m)):
+        arm, runner = raven_arm(low, [refusal("left", NoPlan("no way"), lasting=True), low + [0, 0, height_m - low[2]]])
+        trio.run(arm._lift, TipGoal(SE3.from_parts(translation_m=HIGH), 0.05), best().lift_m)
+        assert runner.goals[1].straight and runner.goals[1].T_world_tip.translation_m[2] == pytest.approx(height_m)
 
 
 LIFT_M = best().lift_m
