@@ -276,7 +276,7 @@ class RavenArm:
     async def _approach(self, grasp: Grasp) -> None:
         """Go above a grasp, and on down to it without a stop if its place is known well enough."""
         above, down = grasp.T_world_above, grasp.T_world_grasp
-        if self.s.flows and self.robot.age_s(self.name) <= self.s.fresh_s:
+        if self.s.flows and self._been_down and self.robot.age_s(self.name) <= self.s.fresh_s:
             # nothing hangs from open jaws, so they may pass low over walls
             goal = TipGoal(down, self.s.tip_speed_m_s, beside_wall=True, T_world_through=(above,))
             with suppress(NoMotion):  # there may be a path to the place above
