@@ -31,7 +31,7 @@ INSIDE_M = 0.014
 """Jaws open on their way over the receptacle once the tip is this far from its walls; it goes on inwards meanwhile.
 Fragments are up to 16 mm long."""
 PARTED_RAD = 0.5  # jaws let a fragment go by opening this far; they open as the next one needs on the way to it
-LOOK_S = 0.12  # from the release to the look for the next fragment: the arm has nearly come to rest
+LOOK_S = 0.12  # from the release to the look for the next fragment, which is evaluated before the jaws have parted
 FRESH_S = 0.8  # a look at the release of a fragment serves to choose the next one for this long
 IDLE_S = 5.0  # an idle arm looks again after this time, or once the other one has made progress
 
@@ -255,7 +255,7 @@ class Debrider:
         return is_there and (not self.s.token or self.coordinator.try_reserve(self.name, RECEPTACLE))
 
     async def _look_ahead(self) -> None:
-        """Look for the next fragment, once the arm has nearly come to rest: further out, it hides more of them."""
+        """Look for the next fragment a little after the release: further out, the arm hides more of them."""
         await self.cell.clock.sleep(LOOK_S)
         self._keep(await self.arm.observer.observe(self.name))
 
