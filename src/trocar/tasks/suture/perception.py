@@ -54,19 +54,22 @@ MARGIN_M = 2.5e-3
 """Least margin around the needle that is read; it shows the floor's colour."""
 BEHIND_M = 1.5e-3
 """A ray that ends this far behind the wire has missed it."""
-FAR_BEHIND_M = 4.0e-3
-"""Steel that is seen this far behind the wire is not the wire, but an instrument."""
+FAR_BEHIND, FAR_BEHIND_M = 1.5, 4.0e-3
+"""Steel that is seen this far behind the wire is not the wire, but an instrument: this many times the distance within
+which pixels are the evidence, but at most ``FAR_BEHIND_M``."""
 OVER_FLOOR_M = 0.7e-3
-"""Points less than this above the floor are not on a needle."""
+"""Points less than this above the floor are not on a needle. A ray says nothing by meeting the floor where the expected
+wire is lower than this."""
 ON_FLOOR_M = 1.0e-3
 """Points this close to the floor show its colour."""
-APART_M = 1.0e-3
-"""Points this close to another known object may be on that object."""
+APART_M, CLOSE_M = 1.0e-3, 0.5e-3
+"""Rays that pass another known object this close may show that object: all rays within ``CLOSE_M``; within ``APART_M``,
+rays that meet steel and are nearer to the object than to the wire."""
 IN_FRONT_M = 1.5e-3
 """A point hides the wire if it is this much nearer to the camera than the wire can be."""
 BEHIND_WIRE_M, BEFORE_WIRE_M = 2.5e-3, 80e-3
 """An object between these distances behind and before the wire would hide it, or be taken for it."""
-STEP_M = 1.5e-3
+STEP_M = 0.75e-3
 """Least step along a ray in the search for such objects; steps are longer where none is near."""
 UNLIKE = 0.05
 """Colours are alike if their shares of red, green and blue differ by less than this."""
@@ -334,13 +337,18 @@ def gather_evidence(
     rays = patches[0].rays.reshape(-1, 3)
     z_near, beside = along_rays(rays, T_camera_needle, needle, near_m)
     ours = beside < near_m  # rays near the wire, above the floor, that nothing hides
-    ours[ours] = T_floor.apply(rays[ours] * z_near[ours, None])[:, 2] > OVER_FLOOR_M
+    above = np.zeros(len(rays), dtype=bool)
+    above[ours] = T_floor.apply(rays[ours] * z_near[ours, None])[:, 2] > OVER_FLOOR_M
     depth = np.array([patch.depth_m.ravel() for patch in patches])
     ours &= np.nan_to_num(depth, nan=np.inf).min(axis=0) >= z_near - near_m - IN_FRONT_M
-    if occluders is not None:
-        ours[ours] = clear(occluders, rays[ours], z_near[ours])
     shows_floor, shows_steel = colors(patches[0], T_floor)
-    far_behind = np.nan_to_num(depth, nan=-np.inf).max(axis=0) > z_near + FAR_BEHIND_M
+    ours &= above | shows_steel  # what shows steel is above the floor, however deep the wire is expected
+    if occluders is not None:
+        apart = np.full(len(rays), np.inf)
+        apart[ours] = clearance_m(occluders, rays[ours], z_near[ours])
+        # near the jaws, steel is of the wire only if the wire is nearer
+        ours &= (apart > CLOSE_M) & (~shows_steel | (apart > np.minimum(APART_M, CLOSE_M + beside)))
+    far_behind = np.nan_to_num(depth, nan=-np.inf).max(axis=0) > z_near + min(FAR_BEHIND * near_m, FAR_BEHIND_M)
     through = ours & shows_steel & ~far_behind
     if through.sum() < FEWEST:
         return None
@@ -371,19 +379,22 @@ def along_rays(
     return depth, depth * apart - 0.5 * needle.wire_m
 
 
-def clear(occluders: Distances, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which rays (n, 3) meet no other object before these depths (n,) of the wire, or just behind them."""
-    clear = np.ones(len(rays), dtype=bool)
+def clearance_m(occluders: Distances, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the least distances (n,) of rays (n, 3) from other objects that would hide the wire at these depths (n,).
+
+    A distance below ``CLOSE_M`` is an upper bound.
+    """
+    least = np.full(len(rays), np.inf)
     z, end, long = z_near + BEHIND_WIRE_M, z_near - BEFORE_WIRE_M, np.linalg.norm(rays, axis=1)
     left = np.arange(len(rays))
     while len(left):
         apart_m = occluders(rays[left] * z[left, None])
-        clear[left[apart_m <= APART_M]] = False
-        going = (apart_m > APART_M) & (z[left] > end[left])
+        least[left] = np.minimum(least[left], apart_m)
+        going = (apart_m > CLOSE_M) & (z[left] > end[left])
         left, apart_m = left[going], apart_m[going]
         # sphere tracing: no object is nearer than its distance, so the ray is clear that far
         z[left] = np.maximum(z[left] - np.maximum(apart_m - APART_M, STEP_M) / long[left], end[left])
-    return clear
+    return least
 
 
 def colors(patch: Patch, T_floor_camera: SE3) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -17,7 +17,7 @@ from trocar.errors import ArmStopped, InvalidInput, OutOfReach, TrocarError
 from trocar.lab import load_station
 from trocar.tasks.suture.agents import circle
 from trocar.tasks.suture.agents.circle import LOAD, CircleSuturing, Settings
-from trocar.tasks.suture.agents.needle_tracker import NeedleTracker, stretches
+from trocar.tasks.suture.agents.needle_tracker import NeedleTracker
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import suture_joints
 from trocar.tasks.suture.planning.primitive import Suture
@@ -29,8 +29,8 @@ TASK = CircleSutures()
 GOALS = TASK.goals()
 STATION = coarse(TASK.at(load_station("suture")))
 SETUP = TASK.setup
-QUICK = Settings(driving_speed_m_s=0.016)
-"""Twice as fast as the defaults, so that the tests are too."""
+QUICK = Settings(driving_speed_m_s=0.012)
+"""Faster than the defaults, so that the tests are too."""
 UNSEEN = replace(QUICK, images=0)
 """Where an arm can go in one suture does not depend on looks at the needle."""
 
@@ -131,13 +131,6 @@ def test_jaws_that_went_back_beyond_the_next_grip_have_come_forward_to_it_when_t
     for piece in pushes:
         np.testing.assert_allclose(desired[round(begins[piece.name] / 0.01)], piece.q[0], atol=1e-3)
     assert len(pushes) == 2
-
-
-def test_the_tip_goes_in_and_comes_out_at_speeds_of_their_own_after_the_last_looks():
-    agent = CircleSuturing(told(laboratory().cell, settings=replace(QUICK, entry_speed_m_s=1.0, exit_speed_m_s=2.0)))
-    pieces = suture_segments(GOALS[0])[:-2]
-    speeds = [(each.segment.name, agent._speed_m_s(each)) for each in stretches(pieces, SETUP)]
-    assert [pair for pair in speeds if pair[1]] == [("penetrate", 1.0), ("push 1", 2.0), ("push 1", 2.0)]
 
 
 def test_a_joint_limit_stops_it_there_and_it_says_which():

@@ -8,7 +8,7 @@ import pytest
 from made_up_needle import ARC, FLOOR_RGB, LENS, STEEL_RGB, T_CAMERA_FLOOR, over_floor, picture
 from trocar.geometry import SE3, SO3
 from trocar.perception.depth import Patch, pixel_rays
-from trocar.tasks.suture.perception import along_rays, clear, colors, gather_evidence
+from trocar.tasks.suture.perception import APART_M, CLOSE_M, along_rays, clearance_m, colors, gather_evidence
 
 NEAR_M = 1.3e-3
 TRUE = over_floor(np.random.default_rng(0))
@@ -136,8 +136,8 @@ def test_a_dozen_pixels_two_fifths_of_them_with_depth_are_enough(count, with_dep
         assert len(found.through) == count and len(found.points) == with_depth
 
 
-@pytest.mark.parametrize(("height_m", "is_seen"), [(1.2e-3, True), (0.4e-3, False)])
-def test_what_lies_on_the_floor_is_no_needle(height_m, is_seen):
+@pytest.mark.parametrize(("height_m", "is_seen"), [(1.2e-3, True), (0.2e-3, False)])
+def test_what_is_as_low_as_the_floor_is_no_needle(height_m, is_seen):
     lying = T_CAMERA_FLOOR @ SE3.from_parts(translation_m=[0.0, 0.0, height_m])
     assert (seen([picture(lying, np.random.default_rng(0), 0.0)], lying) is not None) == is_seen
 
@@ -169,16 +169,21 @@ def test_what_lies_far_enough_behind_the_wire_was_seen_past_it_whatever_its_colo
     assert bare is not None and len(bare.past) > 0.9 * cloth.sum()
 
 
-@pytest.mark.parametrize(("behind_m", "is_taken"), [(3.0e-3, True), (5.5e-3, False)])
-def test_steel_far_behind_the_wire_is_an_instrument_and_no_part_of_the_wire(behind_m, is_taken):
-    """All that surrounds the wire is of steel; it is not seen past the wire either, for steel has no floor's colour."""
+@pytest.mark.parametrize(
+    ("near_m", "behind_m", "is_taken"),
+    [(NEAR_M, 1.7e-3, True), (NEAR_M, 2.5e-3, False), (5e-3, 3.0e-3, True), (5e-3, 5.5e-3, False)],
+)
+def test_steel_far_behind_the_wire_is_an_instrument_and_no_part_of_the_wire(near_m, behind_m, is_taken):
+    """All that surrounds the wire is of steel; it is not seen past the wire either, for steel has no floor's colour.
+
+    The jaws' far finger is 3 mm behind a wire that is known to a millimetre.
+    """
     steel = (IMAGE.color == STEEL_RGB).all(axis=2)
-    wire_depth, apart = along_rays(pixel_rays(LENS).reshape(-1, 3), TRUE, ARC, NEAR_M)
-    plate = ~steel & (apart < NEAR_M).reshape(steel.shape)
+    wire_depth, apart = along_rays(pixel_rays(LENS).reshape(-1, 3), TRUE, ARC, near_m)
+    plate = ~steel & (apart < near_m).reshape(steel.shape)
     depth = np.where(plate, wire_depth.reshape(steel.shape) + behind_m, IMAGE.depth_m).astype(np.float32)
-    found = seen(
-        [replace(IMAGE, color=np.where(plate[..., None], STEEL_RGB, IMAGE.color).astype(np.uint8), depth_m=depth)]
-    )
+    image = replace(IMAGE, color=np.where(plate[..., None], STEEL_RGB, IMAGE.color).astype(np.uint8), depth_m=depth)
+    found = seen([image], near_m=near_m)
     plain = seen()
     assert found is not None and plain is not None and len(found.past) == 0
     assert len(found.through) == len(plain.through) + (plate.sum() if is_taken else 0)
@@ -199,15 +204,16 @@ def test_points_on_something_else_say_nothing():
 RAY = np.array([[0.1, -0.05, 1.0]])
 
 
-def blocked(along_m, beside_m=0.0, radius_m=0.0):
-    """Return whether a ball so far along the ray hides what is 0.3 m deep."""
+def apart_m(along_m, beside_m=0.0):
+    """Return the clearance of a ray that meets the wire .3 m deep from a point so far along it, and beside it."""
     place = RAY[0] * (0.3 + along_m) + [beside_m, 0.0, 0.0]
-    return not clear(lambda p: np.linalg.norm(p - place, axis=1) - radius_m, RAY, np.array([0.3]))[0]
+    return clearance_m(lambda p: np.linalg.norm(p - place, axis=1), RAY, np.array([0.3]))[0]
 
 
 def test_nothing_on_a_ray_goes_unnoticed_from_eight_centimetres_before_the_wire_to_just_behind_it():
-    assert all(blocked(along) for along in np.arange(-0.0805, 0.0032, 0.25e-3))
-    assert not any(blocked(along) for along in (-0.0812, -0.1, 0.0042, 0.01))
+    assert all(apart_m(along) <= CLOSE_M for along in np.arange(-0.080, 0.0028, 0.25e-3))
+    assert not any(apart_m(along) <= APART_M for along in (-0.0812, -0.1, 0.0042, 0.01))
+    assert all(apart_m(along, 0.8e-3) == pytest.approx(0.8e-3, abs=0.1e-3) for along in (-0.05, -0.01, 0.0))
 
 
 def test_rays_are_judged_one_by_one():
@@ -220,11 +226,55 @@ def test_rays_are_judged_one_by_one():
     def elsewhere(points):
         return np.linalg.norm(points[:, None] - balls, axis=2).min(axis=1) - 3e-3
 
-    places = rays[:, None] * (depth[:, None] + np.arange(-0.08, 0.004, 1.5e-3))[..., None]
-    expected = elsewhere(places.reshape(-1, 3)).reshape(60, -1).min(axis=1) > 1e-3
-    assert 10 < expected.sum() < 50
-    np.testing.assert_array_equal(clear(elsewhere, rays, depth), expected)
-    assert clear(elsewhere, np.zeros((0, 3)), np.zeros(0)).shape == (0,)
+    places = rays[:, None] * (depth[:, None] + np.arange(-0.08, 0.0026, 0.25e-3))[..., None]
+    expected = elsewhere(places.reshape(-1, 3)).reshape(60, -1).min(axis=1)
+    assert 10 < (expected > APART_M).sum() < 50
+    found = clearance_m(elsewhere, rays, depth)
+    near = expected < APART_M
+    assert (found[expected < 0.0] <= CLOSE_M).all() and (found[~near] > APART_M).all()
+    outside = near & (expected > CLOSE_M)
+    np.testing.assert_allclose(found[outside], expected[outside], atol=0.15e-3)
+    assert clearance_m(elsewhere, np.zeros((0, 3)), np.zeros(0)).shape == (0,)
+
+
+def test_steel_beside_the_jaws_is_of_the_wire_if_the_wire_is_nearer():
+    """The picture of a wire that is a millimetre thicker all round; on its right, it touches a finger's side."""
+    rays = pixel_rays(LENS).reshape(-1, 3)
+    wire_z, beside = along_rays(rays, TRUE, ARC, NEAR_M)
+    thick = np.where((beside < 1e-3)[:, None], STEEL_RGB, IMAGE.color.reshape(-1, 3)).astype(np.uint8)
+    depth = np.where(beside < 1e-3, wire_z, IMAGE.depth_m.ravel()).astype(np.float32)
+    image = replace(IMAGE, color=thick.reshape(IMAGE.color.shape), depth_m=depth.reshape(IMAGE.depth_m.shape))
+    side = rays[beside < 0.0, 0].max() + 0.8e-3 / TRUE.translation_m[2]
+    normal = np.array([-1.0, 0.0, side]) / np.hypot(1.0, side)
+
+    def finger(points):
+        return points @ normal
+
+    apart = np.full(len(rays), np.inf)
+    near = beside < NEAR_M
+    apart[near] = clearance_m(finger, rays[near], wire_z[near])
+    close = beside[(beside < 1e-3) & (apart > CLOSE_M) & (apart < APART_M)]
+    found, wider = seen([image], occluders=finger), seen([image])
+    assert found is not None and wider is not None and (close < 0.0).sum() > 10 and (close > 0.3e-3).sum() > 10
+    lost = len(wider.through) - len(found.through)
+    assert lost == pytest.approx((close > 0.2e-3).sum() + ((beside < 1e-3) & (apart <= CLOSE_M)).sum(), rel=0.1)
+
+
+def test_close_to_the_floor_steel_is_of_the_wire_and_the_floor_says_nothing():
+    """Of a needle in the tissue, as if it were deeper: what shows steel is out of the tissue all the same."""
+    lower = T_CAMERA_FLOOR @ SE3.from_parts(translation_m=[0.0, 0.0, -8e-3]) @ T_CAMERA_FLOOR.inverse()
+    sunk = lower @ TRUE
+    whole, ground = picture(sunk, np.random.default_rng(0), 0.0), floor_depth(pixel_rays(LENS))
+    under = whole.depth_m > ground - 1e-6
+    color = np.where(under[..., None], FLOOR_RGB, whole.color).astype(np.uint8)
+    image = replace(whole, color=color, depth_m=np.minimum(whole.depth_m, ground).astype(np.float32))
+    up = T_CAMERA_FLOOR.rotation.matrix[:, 2]
+    deep = SE3.from_parts(translation_m=-0.3e-3 * up) @ sunk
+    there, deeper = seen([image], at=sunk), seen([image], at=deep)
+    assert there is not None and deeper is not None
+    steel = (color == STEEL_RGB).all(axis=2)
+    assert len(there.through) == steel.sum() and len(deeper.through) > 0.98 * steel.sum()
+    assert T_CAMERA_FLOOR.inverse().apply(there.past[:, 4])[:, 2].min() == pytest.approx(0.7e-3, abs=0.1e-3)
 
 
 # Colours.

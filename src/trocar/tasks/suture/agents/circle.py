@@ -52,8 +52,6 @@ class Settings:
         settle_s: rest after a motion before the jaws act.
         driving_speed_m_s: mean speed of the jaws along the primitive, m/s; slow enough for the cables to take up their
             play before the needle's next movement.
-        entry_speed_m_s: the same where the tip goes in, after the last looks.
-        exit_speed_m_s: likewise where it comes out.
         travel_speed_m_s: mean speed of two arms' jaws as they leave or lift the needle, or come to it, m/s.
         pulling_speed_m_s: mean speed at which a second arm pulls the needle through, m/s.
         jaw_open_rad: opening that clears the wire.
@@ -70,8 +68,6 @@ class Settings:
     two_arms_budget_s: float = 2.0
     settle_s: float = 0.1
     driving_speed_m_s: float = DRIVING_M_S
-    entry_speed_m_s: float = 0.004
-    exit_speed_m_s: float = 0.002
     travel_speed_m_s: float = 0.020
     pulling_speed_m_s: float = 0.010
     jaw_open_rad: float = JAW_OPEN_RAD
@@ -204,7 +200,7 @@ class CircleSuturing:
             if above and (failed := await self.check_needle(number, stretch, tracker)):
                 return failed
             segment = tracker.path(stretch)
-        if reason := await self._go_along(number, segment, self._speed_m_s(stretch)):
+        if reason := await self._go_along(number, segment):
             if stretch.segment.first_outside(self.arm) is not None:
                 return End(SutureOutcome.JOINT_LIMIT, reason, stops=True)
             await self.open()
@@ -274,7 +270,8 @@ class CircleSuturing:
             if doubted:
                 continue
             tracker.aim(stretch)
-            path = tracker.corrected(stretch.segment).q
+            # a wrist that turned back and forth would lag behind the outer joints, so that the tip would swing
+            path = tracker.corrected(stretch.segment, fixed_wrist=True).q
             start = path[:1].ravel()
             shift_m = tracker.tip_shift_m(start) if len(start) and np.isfinite(path).all() else 0.0
             if shift_m < (number + 1) * ENOUGH_M:
@@ -299,15 +296,15 @@ class CircleSuturing:
         await self.hand.settle()
         return self.hand.jaw_rad > self.settings.jaw_empty_rad
 
-    async def _go_along(self, number: int, segment: Segment, speed_m_s: float | None) -> str:
+    async def _go_along(self, number: int, segment: Segment) -> str:
         """Follow a segment, and come back to its end if it goes beyond; return a sentence if the arm cannot."""
         if segment.name == "lower":
             return await self._lower(number, segment)
-        reason = await self.follow(number, segment, speed_m_s)
+        reason = await self.follow(number, segment)
         if reason and self.tracker and segment.name.startswith(TURNS) and segment.first_outside(self.arm) is None:
             for missing in SHORT:
                 shorter = segment.first(max(0, len(segment.q) - missing))
-                if len(shorter.q) > 1 and not await self.follow(number, shorter, speed_m_s):
+                if len(shorter.q) > 1 and not await self.follow(number, shorter):
                     return ""
         return await self.follow(number, segment.back) if segment.beyond and not reason else reason
 
@@ -362,12 +359,6 @@ class CircleSuturing:
             f"{where}: joint '{limits.name}' would go to {limits.shown(wanted)}, outside "
             f"[{limits.shown(lower)}, {limits.shown(upper)}]; stopped there"
         )
-
-    def _speed_m_s(self, stretch: Stretch) -> float | None:
-        """Return the mean speed of a stretch through the surface; None elsewhere: the usual speed."""
-        if stretch.aim is not Aim.TIP or not stretch.looks:
-            return None
-        return self.settings.entry_speed_m_s if stretch.fixed_wrist else self.settings.exit_speed_m_s
 
 
 def missed(number: int, why: str) -> End:
