@@ -79,9 +79,9 @@ def test_after_the_last_looks_the_needle_goes_through_the_surface_without_a_stop
     assert entry.segment.length_m + further.segment.length_m == pytest.approx(
         setup.insertion.straight_m + 2e-3, abs=3e-4
     )
-    assert np.degrees(before.segment.length_m / setup.needle.radius_m) == pytest.approx(16.0 - 7.0, abs=1.0)
+    assert np.degrees(before.segment.length_m / setup.needle.radius_m) == pytest.approx(16.0 - 8.0, abs=1.0)
     turned = np.degrees(leaving.segment.length_m / setup.needle.radius_m)
-    assert turned == pytest.approx(7.0 + 8.0, abs=1.0)  # from so far before the exit to so far past it
+    assert turned == pytest.approx(8.0 + 8.0, abs=1.0)  # from so far before the exit to so far past it
 
 
 def test_the_camera_nearest_to_the_circle_is_used_and_a_cell_without_one_is_refused():
@@ -113,9 +113,6 @@ def test_the_needles_tip_is_aimed_at_where_it_should_be_by_what_is_believed_of_a
     wrist = tracker.corrected(turning.segment).q[:, 3:]
     np.testing.assert_allclose(wrist[-1] - wrist[0], (entry.segment.q[-1] - entry.segment.q[0])[3:])
     assert np.abs(wrist[-1] - wrist[0]).max() > 1e-3
-    still = tracker.corrected(turning.segment, fixed_wrist=True).q  # on the way to a corrected start
-    np.testing.assert_array_equal(still[:, 3:], np.broadcast_to(agent.hand.q[3:], (len(still), 3)))
-    np.testing.assert_allclose(still, corrected, atol=1e-9)
 
 
 def test_what_is_left_of_a_correction_is_made_before_the_surface(monkeypatch):
@@ -133,12 +130,12 @@ def test_what_is_left_of_a_correction_is_made_before_the_surface(monkeypatch):
         share = np.linspace(0.0, 1.0, len(left))
         np.testing.assert_allclose(left, np.maximum(1.0 - share / joined, 0.0)[:, None] * left[0], atol=1e-12)
         assert np.abs(left[0]).max() > 1e-3
-    surface = np.radians(7.0) * TASK.setup.needle.radius_m / leaving.segment.length_m
+    surface = np.radians(8.0) * TASK.setup.needle.radius_m / leaving.segment.length_m
     assert 0.4 < surface < 0.55
 
 
 def test_between_looks_before_the_exit_the_tip_is_moved_by_the_outer_joints_alone(monkeypatch):
-    """A wrist that turns there and back lags behind them, so that the tip swings out of the tissue."""
+    """Also on the way to where the start is approached from, which is behind it."""
     lab = laboratory()
     agent = agent_in(lab, Settings())
     tracker = agent.tracker

@@ -8,8 +8,9 @@ from trocar.tasks.suture.agents.paths import along, run_up
 
 def test_the_start_of_a_way_is_come_to_along_it():
     q = np.linspace(np.zeros(6), np.ones(6), 11)
-    np.testing.assert_allclose(run_up(q, 5e-3), np.full(6, -0.2))  # 1 mm of 5 behind the start
-    np.testing.assert_allclose(run_up(q[:2], 0.5e-3), -q[1])
+    np.testing.assert_allclose(run_up(q, 5e-3, 1e-3), [-0.2, -0.2, -0.2, 0.0, 0.0, 0.0])  # the wrist is there already
+    np.testing.assert_allclose(run_up(q, 5e-3, 0.3e-3)[:3], -0.06)  # between two waypoints, too
+    np.testing.assert_allclose(run_up(q[:2], 0.5e-3, 1e-3)[:3], -0.2)
 
 
 def test_a_motion_along_a_path_keeps_to_it_and_rests_at_both_ends():

@@ -13,7 +13,7 @@ from trocar.eval import AgentContext
 from trocar.robots.arm_script import ArmScript
 from trocar.tasks.suture.agents.lost_needle import drive_on
 from trocar.tasks.suture.agents.needle_tracker import Aim, NeedleTracker, Stretch, stretches
-from trocar.tasks.suture.agents.paths import along, run_up
+from trocar.tasks.suture.agents.paths import RUN_UP_INSIDE_M, RUN_UP_M, along, run_up
 from trocar.tasks.suture.outcomes import SutureOutcome
 from trocar.tasks.suture.planning import Suture
 from trocar.tasks.suture.planning.clearance import JAW_OPEN_RAD
@@ -31,7 +31,7 @@ JOINED = 1e-3
 """A segment that starts within this distance (rad, m) of the arm's position continues from there."""
 ENOUGH_M = 0.2e-3
 """If the needle's tip is estimated to be this close to its target, the arm does not move it and look again. The
-threshold is multiplied by the number of looks so far, because each move disturbs the cables again, by some .6 mm."""
+threshold is multiplied by the number of looks so far, because each move disturbs the cables again, by some .4 mm."""
 LOWERED = (1.0, 2 / 3, 1 / 3, 0.0)
 """Shares of the way down that are tried in turn, since its upper end matters least."""
 TURNS, SHORT = ("rotate", "push"), (3, 6, 9, 12)
@@ -270,15 +270,15 @@ class CircleSuturing:
             if doubted:
                 continue
             tracker.aim(stretch)
-            # a wrist that turned back and forth would lag behind the outer joints, so that the tip would swing
-            path = tracker.corrected(stretch.segment, fixed_wrist=True).q
+            path = tracker.corrected(stretch.segment).q
             start = path[:1].ravel()
             shift_m = tracker.tip_shift_m(start) if len(start) and np.isfinite(path).all() else 0.0
             if shift_m < (number + 1) * ENOUGH_M:
                 return
             try:
                 if stretch.aim is Aim.TIP:
-                    await self.hand.go(run_up(path, stretch.segment.length_m))
+                    back_m = RUN_UP_M if stretch.fixed_wrist else RUN_UP_INSIDE_M
+                    await self.hand.go(run_up(path, stretch.segment.length_m, back_m))
                 await self.hand.go(start)
             except MotionRefused:  # a joint's range ends there; following the path will report it
                 return

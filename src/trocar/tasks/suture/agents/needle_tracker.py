@@ -40,7 +40,7 @@ PAST_ENTRY_M = 2.5e-3
 """From there the tip goes in this far without a pause and with the wrist at rest: reversing cables would move it just
 at the entry. Also, unrepeatable errors change within a second: the sooner the tip is there, the better the last look
 still holds."""
-BEFORE_EXIT_RAD, WELL_BEFORE_EXIT_RAD = np.radians(7.0), np.radians(16.0)
+BEFORE_EXIT_RAD, WELL_BEFORE_EXIT_RAD = np.radians(8.0), np.radians(16.0)
 """Rotation of the needle left before its tip comes out, at the last looks and at one look before them. That one is
 needed because cable errors after a regrasp may bring the tip out early."""
 AT_SURFACE = 0.4
@@ -267,11 +267,11 @@ class NeedleTracker:
         left = np.maximum(1.0 - np.linspace(0.0, 1.0 / share, len(segment.q)), 0.0)[:, None]
         return replace(segment, q=segment.q + left * (self._hand.q - segment.q[0]))
 
-    def corrected(self, segment: Segment, fixed_wrist: bool = False) -> Segment:
+    def corrected(self, segment: Segment) -> Segment:
         """Return the segment with the path's corrections.
 
         While the jaws hold the needle, the needle has to follow its planned path; otherwise, the jaws have to follow
-        their planned path relative to the needle. Where only the needle's tip is corrected, the wrist may be fixed.
+        their planned path relative to the needle.
         """
         if not len(segment.q):
             return segment
@@ -279,19 +279,19 @@ class NeedleTracker:
         if not self.estimator.rests:
             if self._aim is Aim.TIP:
                 with suppress(OutOfReach):
-                    return replace(segment, q=self._with_planned_wrist(segment.q, fixed_wrist or self._fixed_wrist))
+                    return replace(segment, q=self._with_planned_wrist(segment.q))
             wanted = T_base_tip @ self.T_tip_needle_planned @ self._T_tip_needle.inverse()
         else:
             planned = T_base_tip[0] @ self.T_tip_needle_planned
             wanted = self.needle.T_base_needle @ planned.inverse() @ T_base_tip
         return self._reaching(segment, wanted)
 
-    def _with_planned_wrist(self, planned: NDArray[np.float64], fixed: bool) -> NDArray[np.float64]:
-        """Return joints (k, 6) that take the needle's tip along its path; the wrist turns as planned, or is fixed."""
+    def _with_planned_wrist(self, planned: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return joints (k, 6) that take the needle's tip along its path, turning the wrist as planned and no more."""
         off, p_tip_m = self._tip_error, self.setup.needle.p_tip_m
         wanted_m = (fk(self._hand.model, planned) @ self.T_tip_needle_planned).apply(p_tip_m) - off[:3]
         q = planned.copy()
-        turning = 0.0 if fixed else 1.0
+        turning = 0.0 if self._fixed_wrist else 1.0
         q[:, OUTER:] = self._hand.q[OUTER:] + turning * (planned - planned[0])[:, OUTER:]
         for _ in range(2):  # the error of the jaws' position depends on the orientation that is found
             R = fk(self._hand.model, q).rotation
