@@ -382,7 +382,8 @@ def along_rays(
 def clearance_m(occluders: Distances, rays: NDArray[np.float64], z_near: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the least distances (n,) of rays (n, 3) from other objects that would hide the wire at these depths (n,).
 
-    A distance below ``CLOSE_M`` is an upper bound.
+    Near an object, places ``STEP_M`` apart are tried, so a distance of ``CLOSE_M`` from a corner comes out .13 mm too
+    large at most. A ray that comes nearer than ``CLOSE_M`` is not followed further.
     """
     least = np.full(len(rays), np.inf)
     z, end, long = z_near + BEHIND_WIRE_M, z_near - BEFORE_WIRE_M, np.linalg.norm(rays, axis=1)
