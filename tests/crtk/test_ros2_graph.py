@@ -13,6 +13,7 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
+from cyclonedds.builtin import BuiltinDataReader
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
@@ -63,6 +64,31 @@ def test_a_publisher_that_has_ended_is_not_there():
         until(there)
         process.stdin.close()
     until(lambda: not there())
+
+
+def test_what_was_told_once_is_not_read_again_however_often_senders_are_looked_up(monkeypatch):
+    """A server looks up each new sender for seconds; to read a large domain each time held up its arms."""
+    bus, read = open_bus(Topics(domain=DOMAIN)), []
+    out, here = bus.publisher("/told/measured_js", JointState), bus.subscriber("/told/measured_js", JointState)
+    until(lambda: out.send(JointState()) or here.take())
+    (sender,) = here.sent_by
+    known = bus.client(sender)
+    assert known.process == str(os.getpid())
+    for reads in ("read", "take"):
+        inner = getattr(BuiltinDataReader, reads)
+
+        def counted(self, N=1, condition=None, inner=inner):
+            samples = inner(self, N, condition)
+            read.extend(samples)
+            return samples
+
+        monkeypatch.setattr(BuiltinDataReader, reads, counted)
+    for _ in range(10):
+        assert bus.client(sender) == known
+    assert len(read) < 10, "not even one each time"
+    out = bus.publisher("/told/setpoint_js", JointState)
+    assert "/told/setpoint_js" in {one.topic for one in bus.endpoints()}
+    assert read and out.readers() == 0
 
 
 def test_a_process_whose_entities_cannot_be_deleted_ends():

@@ -3,6 +3,7 @@
 # cyclonedds reads the annotations of these classes, so they are not strings here.
 from collections.abc import Hashable
 from dataclasses import dataclass, field
+from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeAlias
 from uuid import UUID
 
@@ -69,9 +70,9 @@ class Graph:
     """
 
     def __init__(self, participant: DomainParticipant):
-        self._participants = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
-        self._publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
-        self._subscriptions = BuiltinDataReader(participant, BuiltinTopicDcpsSubscription)
+        self._participants = _Told(BuiltinDataReader(participant, BuiltinTopicDcpsParticipant))
+        self._publications = _Told(BuiltinDataReader(participant, BuiltinTopicDcpsPublication))
+        self._subscriptions = _Told(BuiltinDataReader(participant, BuiltinTopicDcpsSubscription))
         latched = Qos(
             Policy.Reliability.Reliable(duration(milliseconds=100)),
             Policy.Durability.TransientLocal,
@@ -88,15 +89,15 @@ class Graph:
             Endpoint(
                 f"/{one.topic_name.removeprefix('rt/')}", _ros_name(one.type_name), publishes, self._whose(one, clients)
             )
-            for publishes, reader in ((True, self._publications), (False, self._subscriptions))
-            for one in _valid(reader)
-            if _is_there(one) and one.topic_name.startswith("rt/")
+            for publishes, told in ((True, self._publications), (False, self._subscriptions))
+            for one, is_there in told.so_far().values()
+            if is_there and one.topic_name.startswith("rt/")
         ]
 
     def client(self, sender: Hashable) -> Client:
-        """Return the client whose writer has this handle."""
-        one = next((one for one in _valid(self._publications) if one.sample_info.instance_handle == sender), None)
-        return GONE if one is None else self._whose(one, self._clients())
+        """Return the client whose writer has, or had, this handle."""
+        found = self._publications.so_far().get(sender)
+        return GONE if found is None else self._whose(found[0], self._clients())
 
     def _whose(self, endpoint: Any, clients: dict[UUID, Client]) -> Client:
         client = clients.get(endpoint.participant_key, GONE)
@@ -110,16 +111,29 @@ class Graph:
                     name = f"{node.node_namespace.rstrip('/')}/{node.node_name}"
                     for gid in (*node.writer_gid_seq, *node.reader_gid_seq):
                         self._node_of[UUID(bytes=bytes(gid.data))] = name
-        return {one.key: _client(one) for one in _valid(self._participants)}
+        return {one.key: _client(one) for one, _ in self._participants.so_far().values()}
 
 
-def _valid(reader: BuiltinDataReader) -> list[Any]:
-    return [one for one in reader.read(N=MOST) if not isinstance(one, InvalidSample)]  # type: ignore[arg-type]
+class _Told:
+    """The participants, publishers or subscribers that a built-in topic has told of so far.
 
+    Each change is read once. To read 300 publishers again takes 70 ms (measured), in which a served arm would stand.
+    """
 
-def _is_there(endpoint: Any) -> bool:
-    """Return whether an endpoint still exists: of one that ended, its last sample stays, and one without a name."""
-    return endpoint.sample_info.instance_state == InstanceState.Alive and endpoint.topic_name is not None
+    def __init__(self, reader: BuiltinDataReader):
+        self._reader, self._lock = reader, Lock()
+        self._known: dict[Hashable, tuple[Any, bool]] = {}
+
+    def so_far(self) -> dict[Hashable, tuple[Any, bool]]:
+        """Return what was told of each, by its handle, and whether it is still there."""
+        with self._lock:
+            for one in self._reader.take(N=MOST):
+                handle, alive = one.sample_info.instance_handle, one.sample_info.instance_state == InstanceState.Alive
+                if one.sample_info.valid_data:
+                    self._known[handle] = one, alive
+                elif handle in self._known:  # it has ended: this tells no more than its handle
+                    self._known[handle] = self._known[handle][0], alive
+            return dict(self._known)
 
 
 def _client(participant: Any) -> Client:
