@@ -153,6 +153,28 @@ def test_a_server_is_found_by_ipv6():
         assert ask(SEEN) == [1, 2]
 
 
+def test_a_server_that_hangs_up_at_once_is_named(monkeypatch):
+    class Gone:
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def settimeout(self, timeout_s):
+            pass
+
+        def sendall(self, line):
+            raise BrokenPipeError("broken pipe")
+
+    monkeypatch.setattr(socket, "create_connection", lambda *_: Gone())
+    with (
+        pytest.raises(InvalidInput, match=r"tcp://here:1' is gone: broken pipe; start its server again"),
+        load_policy("tcp://here:1"),
+    ):
+        pass
+
+
 def test_a_server_whose_answer_never_ends_is_not_waited_for():
     server = socket.create_server(("127.0.0.1", 0))
 

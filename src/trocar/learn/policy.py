@@ -179,22 +179,28 @@ def _served(policy: str, timeout_s: float) -> Iterator[Policy]:
             line, _, unread = unread.partition(b"\n")
             return line
 
-        def ask(seen: Mapping[str, Any]) -> Any:
+        @contextmanager
+        def naming_faults() -> Iterator[None]:
             try:
-                say({"observation": {name: _plain(value) for name, value in seen.items()}})
-                line = answer()
+                yield
             except TimeoutError:
                 problem = f"has not answered within {timeout_s:g} s"
                 raise InvalidInput(f"policy {policy!r}", problem, "give it more with --set timeout_s=S") from None
             except OSError as error:
                 raise InvalidInput(f"policy {policy!r}", f"is gone: {error}", "start its server again") from None
+
+        def ask(seen: Mapping[str, Any]) -> Any:
+            with naming_faults():
+                say({"observation": {name: _plain(value) for name, value in seen.items()}})
+                line = answer()
             try:
                 return json.loads(line)["action"]
             except (ValueError, KeyError, TypeError):
                 said = line[:60].decode(errors="replace").strip() or "nothing: it has hung up"
                 raise InvalidInput(f"policy {policy!r}", f"said {said!r}", 'answer {"action": [...]}') from None
 
-        say({"reset": True})
+        with naming_faults():
+            say({"reset": True})
         yield ask
 
 
