@@ -51,7 +51,10 @@ def ros1(monkeypatch):
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr("os.environ", dict(os.environ))
     monkeypatch.delitem(sys.modules, "trocar.crtk.ros1", raising=False)
-    yield importlib.import_module("trocar.crtk.ros1")
+    module = importlib.import_module("trocar.crtk.ros1")
+    module.really_reached = module._is_reached
+    monkeypatch.setattr(module, "_is_reached", lambda master: True)
+    yield module
     sys.modules.pop("trocar.crtk.ros1", None)
 
 
@@ -86,3 +89,15 @@ def test_a_master_that_has_ended_is_a_sentence_where_all_endpoints_are_wanted(ro
 
 def test_a_sender_whom_nobody_can_tell_has_no_address(ros1, master):
     assert ros1.Ros1Bus(Topics(ros=1, master=master)).client("/console") == Client("/console")
+
+
+@pytest.mark.parametrize("master", ["http://192.0.2.1:11311", "http://here:port"])
+def test_a_master_whose_machine_accepts_no_connection_is_not_waited_for(ros1, master, monkeypatch):
+    def no_answer(address, timeout_s):
+        assert address == ("192.0.2.1", 11311) and timeout_s < 10.0
+        raise TimeoutError
+
+    monkeypatch.setattr(ros1, "_is_reached", ros1.really_reached)
+    monkeypatch.setattr(socket, "create_connection", no_answer)
+    with pytest.raises(InvalidInput, match=f"the ROS 1 master at {master} does not answer; start roscore, or name"):
+        ros1.Ros1Bus(Topics(ros=1, master=master))

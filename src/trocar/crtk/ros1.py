@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 import os
+import socket
 import time
 from collections import deque
 from collections.abc import Hashable
 from dataclasses import fields, is_dataclass
 from functools import cache
-from http.client import HTTPException
+from http.client import HTTP_PORT, HTTPException
 from typing import Any, TypeVar, Unpack
 from urllib.parse import urlsplit
 from xmlrpc.client import Error as XmlError
@@ -41,6 +42,8 @@ DEFINITIONS = {
 """Messages of crtk_msgs 1.3 and cisst_msgs 4.0, which are not packaged; their checksums follow from these texts."""
 BUFFER = 1 << 24
 """Bytes that rospy reads at once: an image in one piece."""
+REACHED_S = 5.0
+"""How long a master's machine has to accept a connection."""
 UNANSWERED = (rosgraph.MasterException, OSError, HTTPException, XmlError)
 """What a call of the master raises if it knows no answer, has ended, or is something else."""
 Message = TypeVar("Message")
@@ -105,9 +108,19 @@ class Ros1Bus:
 def _node(interface: str, master: str) -> None:
     """Make this process a node: ROS 1 allows one per process."""
     os.environ |= {"ROS_MASTER_URI": master, "ROS_HOSTNAME": interface, "ROS_IP": interface}
-    if not rosgraph.is_master_online():
+    if not (_is_reached(master) and rosgraph.is_master_online()):
         raise _silent(master, "does not answer", "start roscore, or name another")
     rospy.init_node("trocar", anonymous=True, disable_signals=True, disable_rostime=True, disable_rosout=True)
+
+
+def _is_reached(master: str) -> bool:
+    """Return whether something soon accepts connections at an address; rosgraph would try for two minutes."""
+    try:
+        place = urlsplit(master)
+        with socket.create_connection((place.hostname, place.port or HTTP_PORT), REACHED_S):
+            return True
+    except (OSError, ValueError):  # the latter: it is no address
+        return False
 
 
 def _silent(master: str, problem: str, remedy: str) -> InvalidInput:
