@@ -20,6 +20,8 @@ pytestmark = pytest.mark.skipif(
     find_chromium() is None, reason=f"no Chromium found ({', '.join(NAMES)}): the page is not looked at"
 )
 SIZE = (1400, 900)
+COARSE = 0.2
+"""Pixels drawn per pixel of the page, on each axis, where no picture is judged: drawing takes most of the time."""
 HANDLE = np.array([250, 46, 106])
 """The colour of a handle's first axis."""
 
@@ -52,7 +54,7 @@ class Open:
 def opened():
     opened = Open()
     with browser(*SIZE) as page:
-        page.open(f"http://127.0.0.1:{opened.view.port}")
+        page.open(f"http://127.0.0.1:{opened.view.port}", COARSE)
         page.until("document.body.innerText.includes('Stop (S)')")
         yield opened, page
     opened.view.close()
@@ -95,13 +97,22 @@ def test_words_and_levels_are_shown(opened):
     page.until(f"[...document.querySelectorAll('input')].some(i => i.value === {Level.MOTIONS.value!r})")
 
 
-def test_a_handle_that_is_dragged_says_where_it_is_and_when_it_is_let_go(opened):
-    opened, page = opened
+def test_a_handle_that_is_dragged_says_where_it_is_and_when_it_is_let_go():
+    opened, width = Open(), 1100
+    with browser(width, 700) as page:
+        page.open(f"http://127.0.0.1:{opened.view.port}")
+        page.until("document.body.innerText.includes('Stop (S)')")
+        drag_a_handle(opened, page, width - 560)  # well away from the panel, whose edge may be dragged too
+    opened.view.close()
+
+
+def drag_a_handle(opened, page, width):
+    """Drag the first axis of a handle that is seen in the first ``width`` pixels of a page, and let go."""
     tip = REPLAY().tools["psm1"].p_world_driven_m[opened.tick]
     opened.show(hands={"psm1": (tip, np.array([1.0, 0, 0, 0]))})
 
     def axis():
-        seen = page.picture().astype(int)[:, : SIZE[0] - 560]  # well away from the panel, whose edge may be dragged too
+        seen = page.picture().astype(int)[:, :width]
         return np.argwhere(np.abs(seen - HANDLE).max(-1) < 14)
 
     until(lambda: axis().size > 60)
@@ -153,7 +164,7 @@ def test_a_second_browser_may_watch_and_not_command(opened):
     opened.show()
     opened.said.clear()
     with browser(900, 700) as second:
-        second.open(f"http://127.0.0.1:{opened.view.port}")
+        second.open(f"http://127.0.0.1:{opened.view.port}", COARSE)
         second.until("document.body.innerText.includes('Stop (S)')")
         second.press("Stop")
         second.until("document.body.innerText.includes('Another page holds the controls')")
@@ -179,7 +190,7 @@ def test_on_a_telephone_the_scene_ends_where_the_panel_begins(opened, pixels):
 def test_the_page_that_held_the_controls_is_missed():
     opened = Open()
     with browser(900, 700) as page:
-        page.open(f"http://127.0.0.1:{opened.view.port}")
+        page.open(f"http://127.0.0.1:{opened.view.port}", COARSE)
         page.until("document.body.innerText.includes('Stop (S)')")
         opened.said.clear()
     assert until(lambda: opened.said)[-1].wish is Wish.LEFT
@@ -190,7 +201,7 @@ def test_the_page_that_held_the_controls_is_missed():
 def test_a_page_that_is_frozen_is_missed_once_and_used_again_afterwards():
     opened = Open()
     with browser(400, 300) as page:
-        page.open(f"http://127.0.0.1:{opened.view.port}")
+        page.open(f"http://127.0.0.1:{opened.view.port}", COARSE)
         page.until("document.body.innerText.includes('Stop (S)')")
         until(lambda: opened.view.pulse.limit_s < math.inf, 60.0)
         for _ in range(50):

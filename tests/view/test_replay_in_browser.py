@@ -130,7 +130,7 @@ def test_the_live_view_draws_the_same_scene_with_its_panels(replay):
     try:
         view.show(4.0)
         with browser(1100, 620) as page:
-            page.open(f"http://127.0.0.1:{view.port}")
+            page.open(f"http://127.0.0.1:{view.port}", fineness=0.5)
             page.until("document.body.innerText.includes('true - desired')")
             page.until("document.querySelectorAll('.uplot').length > 0")
             before = page.scene()
