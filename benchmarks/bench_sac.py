@@ -15,6 +15,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_checker import check_env
@@ -28,9 +29,12 @@ from trocar.learn.environment import REWARDS
 from trocar.registry import load_plugin
 
 PLUGIN = str(Path(__file__).parent / "reach.py")
-GAMMA = 0.95
+GAMMA = 0.9
 SHARE = 0.4
 """Share of the largest increments that is used, so that joints mostly keep up (assumed)."""
+PER_DECIMETRE = 30.0
+"""Reward for a decimetre nearer to the ball, and for touching it. SAC weighs rewards against randomness for its own
+sake: with 10 instead of 1, all else the same, it touched 13 to 27 % instead of none after 3000 to 6500 steps."""
 
 
 class Straight(gymnasium.Wrapper):
@@ -57,7 +61,7 @@ class Straight(gymnasium.Wrapper):
         """Move the tip."""
         increment = np.append(SHARE * action * self.most[:3], np.zeros(4)).astype(np.float32)
         seen, reward, *ends, info = self.env.step(increment)
-        return self.seen(seen), float(reward), *ends, info
+        return self.seen(seen), PER_DECIMETRE * float(reward), *ends, info
 
     def seen(self, seen: dict[str, np.ndarray]) -> np.ndarray:
         """Return the nine observations."""
@@ -119,9 +123,9 @@ def check() -> None:
 
 def touched(model: SAC, episodes: int) -> float:
     """Return the share of new episodes in which the ball was touched."""
-    env, done = made(99)(), 0
+    env, done = made(199)(), 0
     for episode in range(episodes):
-        seen, info = env.reset(seed=1000 + episode)
+        seen, info = env.reset(seed=2000 + episode)
         over = False
         while not over:
             action, _ = model.predict(seen, deterministic=True)
@@ -142,16 +146,19 @@ def main() -> None:
     if given.check:
         check()
         return
+    torch.set_num_threads(1)  # the environments need the other core
     env = SubprocVecEnv([made(seed) for seed in range(2)])
     model = SAC(
         "MlpPolicy",
         env,
         seed=0,
         gamma=GAMMA,
-        learning_starts=600,
+        learning_rate=1e-3,
+        learning_starts=300,
         train_freq=1,
-        gradient_steps=-1,  # one for each step of an environment
-        batch_size=128,
+        gradient_steps=8,  # four for each step of an environment
+        batch_size=256,
+        ent_coef="auto_0.1",
         policy_kwargs={"net_arch": [64, 64]},
     )
     began = time.monotonic()
