@@ -11,7 +11,8 @@ of poses that a browser got, frames that it drew, and camera images; and the pro
 needs for a moment, here and on the machine for which computing times are declared.
 
 memory: trials at the cell's full speed with one browser for ``--minutes``. Printed: growth of the resident memory of
-the run's process and of the page's, by a straight line through the readings after the first quarter.
+the run's process and of the page's, by a straight line through the readings after the first quarter; and that of the
+memory that the run's process has allocated and not freed, of which the C library keeps more than is in use (glibc).
 
 Run: .venv/bin/python benchmarks/bench_watch.py [--parts cost pace memory] [--fineness 0.15]
 """
@@ -19,6 +20,7 @@ Run: .venv/bin/python benchmarks/bench_watch.py [--parts cost pace memory] [--fi
 from __future__ import annotations
 
 import argparse
+import ctypes
 import gc
 import os
 import sys
@@ -162,7 +164,7 @@ def pace(cell: Cell, pages: list[Page], fineness: float) -> None:
 
 def memory(cell: Cell, minutes: float, pages: list[Page], fineness: float) -> None:
     """Print how memory grows."""
-    rows: list[tuple[float, float, float, float]] = []
+    rows: list[tuple[float, float, float, float, float]] = []
     began, cell_s, trials = time.monotonic(), 0.0, 0
     with Counted(0.0, fineness) as watch:
         cell.run(watch)
@@ -173,12 +175,13 @@ def memory(cell: Cell, minutes: float, pages: list[Page], fineness: float) -> No
             trials += 1
             if not rows or time.monotonic() - began - rows[-1][0] > LOOK_S:
                 gc.collect()
-                rows.append((time.monotonic() - began, cell_s, rss_mb(os.getpid()), rss_mb(watch.process)))
+                used = rss_mb(os.getpid()), rss_mb(watch.process), allocated_mb()
+                rows.append((time.monotonic() - began, cell_s, *used))
     found = np.array(rows[len(rows) // 4 :])
-    for name, column in (("run", 2), ("page", 3)):
+    for name, column in (("run's process", 2), ("page's process", 3), ("run's process, in use", 4)):
         slopes = [60 * np.polyfit(found[:, k], found[:, column], 1)[0] for k in (0, 1)]
         print(
-            f"the {name}'s process: {rows[0][column]:.0f} MB after the first trial, {rows[-1][column]:.0f} MB after "
+            f"the {name}: {rows[0][column]:.0f} MB after the first trial, {rows[-1][column]:.0f} MB after "
             f"{trials} ({cell_s / 60:.0f} min of the cell in {rows[-1][0] / 60:.0f} min); "
             f"{60 * slopes[0]:+.1f} MB an hour of the wall clock, {60 * slopes[1]:+.1f} MB an hour of the cell's",
             flush=True,
@@ -194,6 +197,23 @@ def processor_s(process: int) -> float:
 def rss_mb(process: int) -> float:
     """Return the resident memory of a process, MB."""
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * PAGE_MB
+
+
+class MallocInfo(ctypes.Structure):
+    """``struct mallinfo2`` of glibc."""
+
+    names = ("arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks", "keepcost")
+    _fields_ = [(name, ctypes.c_size_t) for name in names]
+
+
+def allocated_mb() -> float:
+    """Return the memory that this process has allocated and not freed, MB; nan without glibc."""
+    info = getattr(ctypes.CDLL(None), "mallinfo2", None)
+    if info is None:
+        return float("nan")
+    info.restype = MallocInfo
+    found = info()
+    return (found.uordblks + found.hblkhd) / 2**20
 
 
 def main() -> None:

@@ -127,22 +127,37 @@ def test_the_network_plays_what_it_predicts_until_its_task_is_done(tmp_path):
     shutil.copy(EXAMPLES / "chunked_mlp.py", tmp_path / "policy.py")
     steps = np.arange(code["CHUNK"])[:, None] * np.ones(8)
     weights = {
-        "weight0": np.zeros((4, 23)),
+        "weight0": np.zeros((4, 18)),
         "bias0": np.zeros(4),
         "weight1": np.zeros((240, 4)),
         "bias1": steps.ravel(),
     }
-    scale = {"mean_in": np.zeros(23), "sd_in": np.ones(23), "mean_out": np.full(8, 5.0), "sd_out": np.full(8, 2.0)}
+    scale = {"mean_in": np.zeros(18), "sd_in": np.ones(18), "mean_out": np.full(8, 5.0), "sd_out": np.full(8, 2.0)}
     np.savez(tmp_path / "weights.npz", **weights, **scale)
     with load_policy(str(tmp_path)) as ask:
         played = [ask(seen_at(0.0))[0] for _ in range(code["PLAYED"] + 1)]
         assert played == [5.0 + 2 * k for k in range(code["PLAYED"])] + [5.0]
-        while (action := ask(seen_at(0.1, done=1.0))) is not None and action[0] > 5.0:
+        while (action := ask(seen_at(0.1, done=1.0))) is not None and action[0] > 5.2:
             pass
         assert action is not None, "it goes on to where it began"
         for _ in range(code["PLAYED"]):
             action = ask(seen_at(0.0, done=1.0))
         assert action is None
+
+
+def test_what_the_network_predicts_moves_with_the_scene(tmp_path):
+    rng = np.random.default_rng(0)
+    code = runpy.run_path(str(EXAMPLES / "chunked_mlp.py"))
+    weights = {"weight0": rng.normal(size=(240, 18)), "bias0": rng.normal(size=240)}
+    scale = {"mean_in": np.zeros(18), "sd_in": np.ones(18), "mean_out": np.zeros(8), "sd_out": np.ones(8)}
+    np.savez(tmp_path / "weights.npz", **weights, **scale)
+    policy, raw, by_m = code["make"](tmp_path), rng.normal(size=26), rng.normal(size=3)
+    moved = raw.copy()
+    for at in (0, 13, 19, 23):  # tip, grasp, target, first position
+        moved[at : at + 3] += by_m
+    expected = policy.predicted(raw)
+    expected[:, :3] += by_m
+    np.testing.assert_allclose(policy.predicted(moved), expected, atol=1e-9)
 
 
 def test_the_network_learns_from_an_exported_data_set(tmp_path):
@@ -151,7 +166,7 @@ def test_the_network_learns_from_an_exported_data_set(tmp_path):
     trials = [replace(one, arrays=one.arrays | noted, events=one.events + events) for one in (short(0), short(1))]
     export_lerobot(trials, tmp_path)
     seen, chunks = runpy.run_path(str(EXAMPLES / "chunked_mlp.py"))["frames_of"](tmp_path)
-    assert [part.shape for part in (*seen, *chunks)] == [(91, 23)] * 2 + [(91, 30, 8)] * 2
+    assert [part.shape for part in (*seen, *chunks)] == [(91, 26)] * 2 + [(91, 30, 8)] * 2
     np.testing.assert_allclose(chunks[0][0, 1:], chunks[0][1, :-1])
     np.testing.assert_allclose(chunks[0][-1], np.tile(chunks[0][-1, 0], (30, 1)))
 
