@@ -78,7 +78,7 @@ def frames_of(data):
 
 
 def train(data, out, epochs=80, width=512, batch=256, seed=0):
-    """Fit the network to a data set without the last tenth of its episodes, which test the predictions."""
+    """Fit the network to a data set without the last tenth of its episodes (at least one), which test the predictions."""
     import torch
     from torch import nn
 
@@ -89,7 +89,7 @@ def train(data, out, epochs=80, width=512, batch=256, seed=0):
 
     torch.manual_seed(seed)
     seen, chunks = frames_of(data)
-    split = len(seen) - len(seen) // 10
+    split = len(seen) - max(1, len(seen) // 10)
     (raw, actions), (held_raw, held_actions) = tensors(slice(split)), tensors(slice(split, None))
     ins = features(raw, torch)
     scale = {"mean_in": ins.mean(0), "sd_in": ins.std(0) + 1e-3}

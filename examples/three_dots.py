@@ -11,7 +11,7 @@ import numpy as np
 from mujoco import mjtGeom
 
 from trocar.arms import ik
-from trocar.eval import TASKS, Method, Score, Task
+from trocar.eval import TASKS, Method, Score, Task, stopped
 from trocar.geometry import SE3
 from trocar.motion import straight
 from trocar.robots.arm_script import ArmScript
@@ -85,8 +85,9 @@ class Dots(Task):
     def score(self, truth, events):
         times_s = [0.0, *(truth.get(k, np.inf) for k in self.goals())]
         done = [before <= at < np.inf for before, at in pairwise(times_s)]
+        given_up, reason = stopped(events)  # empty, unless the whole script was stopped
         return [
-            Score(True, ok, "" if ok else "MISSED", "", 0.0, at if ok else 0.0)
+            Score(True, ok, "" if ok else given_up or "MISSED", "" if ok else reason, 0.0, at if ok else 0.0)
             for ok, at in zip(done, times_s[1:], strict=True)
         ]
 

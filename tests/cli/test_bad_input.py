@@ -170,6 +170,7 @@ BAD = [
     *each(RUN, "--flaw kinematics=2 -> kinematics"),
     f"{RUN} --flaw print=-0.1mm -> flaw 'print=-0.1mm' has a negative size; give 0 or more",
     f"{RUN} --flaw depth=2mm -> give how many times what was recorded, as in 'depth=2x'",
+    "run centre.py -> task 'centre.py' is unknown; give the task by its name, and its file by --plugin centre.py",
     f"{RUN} --flaw depth=2x --station nowhere -> station 'nowhere' is unknown",  # the flaw was read
     f"{RUN} --station kitchen -> raven-pair",
     f"{RUN} --station suture -> no fixture 'board'",

@@ -1,6 +1,7 @@
 import hashlib
 import subprocess
 import sys
+import weakref
 
 import gymnasium
 import numpy as np
@@ -66,6 +67,7 @@ def test_every_task_and_variant_is_an_environment(task, options):
 @pytest.mark.parametrize("observation", [("state", "privileged"), "images"], ids=str)
 def test_every_action_and_observation_passes_the_checks(action, observation):
     env = CellEnv("peg-transfer", action=action, observation=observation, **ONE)
+    assert all(name.isidentifier() for name in env.observation_space), "PyTorch's ModuleDict takes no dots"
     check_env(env, skip_render_check=True)
     env.close()
 
@@ -205,6 +207,10 @@ def test_bad_actions_are_refused_in_a_sentence_and_nothing_is_lost(peg):
         ({"observation": "pixels"}, "observation 'pixels' is unknown"),
         ({"observation": ()}, "observation '' is unknown"),
         ({"rate_hz": 500}, "rate of actions is 500 Hz; give 1 to 100"),
+        ({"rate_hz": "30"}, "rate of actions is 30 Hz; give 1 to 100"),
+        ({"budget_s": "5"}, "budget_s is 5; give a number"),
+        ({"flaws": "weer=2x"}, "flaw 'weer' is unknown"),
+        ({"calibration": "images"}, "calibration 'images' fits no model; drop it, or give calibrated=True"),
         ({"render_mode": "ansi"}, "render_mode 'ansi' is unknown"),
         ({"colour": 1}, "option of the environment of 'peg-transfer' 'colour' is unknown"),
         ({"difficulty": "hard"}, "hard"),
@@ -223,6 +229,13 @@ def test_a_reset_to_a_session_that_is_not_there_is_refused(peg):
         peg.reset(options={"scene": 1})
     _, info = peg.reset(options={"session": np.int64(3), "trial": 5})
     assert (info["session"], info["trial"]) == (3, 5)
+
+
+def test_a_reset_frees_the_memory_of_the_episode_before_it(peg):
+    peg.reset(seed=0)
+    before = weakref.ref(peg._laboratory)
+    peg.reset(seed=0)
+    assert before() is None
 
 
 def test_the_truth_is_observed_on_request_alone():

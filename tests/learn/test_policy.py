@@ -11,7 +11,7 @@ import trocar
 from trocar.errors import BadFile, InvalidInput
 from trocar.learn.policy import load_policy, policy_digest
 
-SEEN = {"state": np.zeros(8, np.float32), "images.overhead": np.zeros((2, 3, 3), np.uint8)}
+SEEN = {"state": np.zeros(8, np.float32), "images_overhead": np.zeros((2, 3, 3), np.uint8)}
 FILE = """
 import numpy as np
 def still(seen): return seen["state"]
@@ -141,7 +141,7 @@ def test_a_server_is_asked_line_by_line():
             ask(SEEN)
     assert heard[0] == {"reset": True}
     assert heard[1]["observation"]["state"] == [0.0] * 8
-    assert heard[1]["observation"]["images.overhead"]["shape"] == [2, 3, 3]
+    assert heard[1]["observation"]["images_overhead"]["shape"] == [2, 3, 3]
 
 
 def test_a_server_is_found_by_ipv6():

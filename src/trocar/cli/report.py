@@ -115,6 +115,7 @@ def _show(
     files: Sequence[Path],
     interrupted: bool,
 ) -> None:
+    from trocar.eval.staged import AGENT_ERROR
     from trocar.report.files import report_of
     from trocar.report.summary import MISSED_WARNING
     from trocar.report.tables import brief_flaws, figure, headline, parts_table, run_table
@@ -124,14 +125,15 @@ def _show(
     console.print(run_table(summary, report.paper_rows(summary), report.paper_count(summary)))
     for table in [*report.tables(summary), parts_table(summary)]:
         console.print(table)
-    stopped = [
-        f"session {trial.about['session']}, trial {trial.about['index']} was stopped ({trial.ended}): {trial.reason}"
-        for trial in trials
-        if not trial.finished
-    ]
-    if not trials[0].on_robot:
-        for sentence in stopped:
-            console.print(sentence)
+    errors = []  # printed even with --quiet
+    for trial in trials:
+        if not trial.finished:
+            which = f"session {trial.about['session']}, trial {trial.about['index']}"
+            sentence = f"{which} was stopped ({trial.ended}): {trial.reason}"
+            if trial.on_robot or trial.ended == AGENT_ERROR:
+                errors.append(sentence)
+            else:
+                console.print(sentence)
     if summary["failures"]:
         console.print("failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items()))
     compute = ", ".join(f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items())
@@ -161,9 +163,8 @@ def _show(
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
-    if trials[0].on_robot:  # even with --quiet: nothing else says it
-        for sentence in stopped:
-            console.print(sentence, soft_wrap=True)
+    for sentence in errors:
+        console.print(sentence, soft_wrap=True)
 
 
 def view(

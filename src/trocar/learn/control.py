@@ -51,7 +51,7 @@ def require_actions(action: str, rate_hz: float) -> None:
     """Raise UnknownName for an unknown kind of action, InvalidValue for an impossible rate."""
     if action not in ACTIONS:
         raise UnknownName("action", action, ACTIONS)
-    if not 1.0 <= rate_hz <= 1 / TICK_S:
+    if not (isinstance(rate_hz, int | float) and 1.0 <= rate_hz <= 1 / TICK_S):
         raise InvalidValue("the rate of actions", f"{rate_hz} Hz", f"give 1 to {1 / TICK_S:.0f}")
 
 
@@ -287,10 +287,10 @@ class Eyes:
         for name, camera in self._cell.cameras.items():
             image = self.last.get(name)
             if image is None:
-                found[f"{IMAGES}.{name}"] = np.zeros(image_shape(camera.model), np.uint8)
+                found[f"{IMAGES}_{name}"] = np.zeros(image_shape(camera.model), np.uint8)
             else:
                 color = image.color if isinstance(image, RgbdImage) else np.hstack([image.left, image.right])
-                found[f"{IMAGES}.{name}"] = np.array(color, dtype=np.uint8)  # a copy: the receiver may draw on it
+                found[f"{IMAGES}_{name}"] = np.array(color, dtype=np.uint8)  # a copy: the receiver may draw on it
         return found
 
 

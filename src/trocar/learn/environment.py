@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from tempfile import TemporaryDirectory
@@ -75,7 +76,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         station: name or file of the station; empty: the task's.
         difficulty: ``mild``, ``recorded`` or ``harsh``.
         flaws: sizes of single flaws, such as ``registration=1.0mm``.
-        calibration: what cable models are fitted on, ``joints`` or ``images``.
+        calibration: with ``calibrated``, what cable models are fitted on, ``joints`` (the default) or ``images``.
         seed: seed of the sessions.
         sessions: number of sessions; each episode draws one of them.
         plugins: Python files that register the task or its parts.
@@ -99,37 +100,39 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         calibrated: bool = False,
         station: str = "",
         difficulty: str = "recorded",
-        flaws: Sequence[str] = (),
-        calibration: str = FROM_JOINTS,
+        flaws: str | Sequence[str] = (),
+        calibration: str = "",
         seed: int = 0,
         sessions: int = 10,
-        plugins: Sequence[str] = (),
+        plugins: str | Sequence[str] = (),
         render_mode: str | None = None,
         **options: Any,
     ):
+        plugins, flaws, self._observed = _listed(plugins), _listed(flaws), _listed(observation)
         for plugin in plugins:
             load_plugin(plugin)
         self.render_mode = render_mode
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UnknownName("render_mode", str(render_mode), self.metadata["render_modes"])
-        self._observed = (observation,) if isinstance(observation, str) else tuple(observation)
         for name in self._observed or ("",):
             if name not in OBSERVATIONS:
                 raise UnknownName("observation", name, OBSERVATIONS)
         if reward not in REWARDS:
             raise UnknownName("reward", reward, REWARDS)
         require_actions(action, rate_hz)  # before cables are fitted
+        if calibration and not calibrated:
+            raise InvalidInput(f"calibration {calibration!r}", "fits no model", "drop it, or give calibrated=True")
         kind = TASKS.pick(task)
         self.config = RunConfig(
             _task(kind, options),
             method="policy-calibrated" if calibrated else "policy",
-            calibration=calibration if calibrated else "",
+            calibration=(calibration or FROM_JOINTS) if calibrated else "",
             station=station,
             difficulty=difficulty,
-            flaws=tuple(flaws),
+            flaws=flaws,
             sessions=sessions,
             seed=seed,
-            plugins=tuple(map(str, plugins)),
+            plugins=plugins,
         )
         self._action, self._rate_hz = action, rate_hz
         self.metadata = {**self.metadata, "render_fps": rate_hz}  # for one picture per step
@@ -155,7 +158,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
             found[OBJECTS] = spaces.Box(-1.0, 1.0, (len(self._observation.objects.names),), np.float32)
         if IMAGES in self._observed:
             for name, camera in cell.cameras.items():
-                found[f"{IMAGES}.{name}"] = spaces.Box(0, 255, image_shape(camera.model), np.uint8)
+                found[f"{IMAGES}_{name}"] = spaces.Box(0, 255, image_shape(camera.model), np.uint8)
         if PRIVILEGED in self._observed:
             most = np.tile([FREE_M] * 3 + [1.001] * 4, len(self._bodies)).astype(np.float32)
             found[PRIVILEGED] = spaces.Box(-most, most)
@@ -221,6 +224,7 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         self._where, self._scenery, self._draw = (session, index), None, None
         self._stepping = self._laboratory.stepping(self._observation.watch if self._observation.looks else None)
         self._stepping.__enter__()
+        gc.collect()  # a world's parts refer to one another, so that an hour of episodes would hold 1 GB
 
     def step(self, action: ArrayLike) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:  # type: ignore[override]
         """Play an action for one step; return observation, reward, terminated, truncated and info.
@@ -361,7 +365,15 @@ def _task(kind: type[Task], options: Mapping[str, Any]) -> Task:
     for name in options:
         if name not in known:
             raise UnknownName(f"option of the environment of {kind.name!r}", name, known)
+        is_number = isinstance(kind.__dataclass_fields__[name].default, int | float)  # type: ignore[attr-defined]
+        if is_number and not isinstance(options[name], int | float | np.number):
+            raise InvalidValue(name, options[name], "give a number")
     return kind(**options)
+
+
+def _listed(values: str | Sequence[str]) -> tuple[str, ...]:
+    """Return one name, or several, as a tuple."""
+    return (values,) if isinstance(values, str) else tuple(map(str, values))
 
 
 def _float32(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
