@@ -78,7 +78,7 @@ def frames_of(data):
 
 
 def train(data, out, epochs=80, width=512, batch=256, seed=0):
-    """Fit the network to a data set without the last tenth of its episodes (at least one), which test the predictions."""
+    """Fit the network to a data set; the last tenth of its episodes (at least one) tests the predictions."""
     import torch
     from torch import nn
 

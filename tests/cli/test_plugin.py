@@ -182,3 +182,17 @@ def test_what_a_task_lacks_is_said_before_anything_runs(trocar, tmp_path, monkey
     code, _, err = trocar("run", "--plugin", "mine.py", "my-task")
     assert code == 2 and said in " ".join(err.split()) and "Traceback" not in err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_quiet_run_still_tells_what_an_agent_raised(trocar, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        "from trocar.eval import METHODS, Method\n"
+        "class Clumsy:\n"
+        "    def __init__(self, context): pass\n"
+        "    async def run(self): raise NameError('which block?')\n"
+        "METHODS.register('peg-transfer/clumsy', Method('drops all', Clumsy))\n"
+    )
+    words = ("run", "peg-transfer", "--transfers", 1, "--plugin", "mine.py", "--method", "clumsy", "--out", "out")
+    code, out, _ = trocar(*words, "--quiet")
+    assert code == 0 and "was stopped (AGENT_ERROR): the agent raised NameError: which block?" in " ".join(out.split())

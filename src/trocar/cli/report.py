@@ -125,15 +125,10 @@ def _show(
     console.print(run_table(summary, report.paper_rows(summary), report.paper_count(summary)))
     for table in [*report.tables(summary), parts_table(summary)]:
         console.print(table)
-    errors = []  # printed even with --quiet
-    for trial in trials:
-        if not trial.finished:
-            which = f"session {trial.about['session']}, trial {trial.about['index']}"
-            sentence = f"{which} was stopped ({trial.ended}): {trial.reason}"
-            if trial.on_robot or trial.ended == AGENT_ERROR:
-                errors.append(sentence)
-            else:
-                console.print(sentence)
+    stopped = [trial for trial in trials if not trial.finished]
+    errors = [trial for trial in stopped if trial.on_robot or trial.ended == AGENT_ERROR]  # even with --quiet
+    for trial in (trial for trial in stopped if trial not in errors):
+        console.print(_stop_of(trial))
     if summary["failures"]:
         console.print("failures: " + ", ".join(f"{name} {count}" for name, count in summary["failures"].items()))
     compute = ", ".join(f"{name} {ms['p50']:.0f} / {ms['p95']:.0f} ms" for name, ms in summary["compute_ms"].items())
@@ -163,8 +158,13 @@ def _show(
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
     for replay in (file for file in files if file.name == "replay.html"):
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
-    for sentence in errors:
-        console.print(sentence, soft_wrap=True)
+    for trial in errors:
+        console.print(_stop_of(trial), soft_wrap=True)
+
+
+def _stop_of(trial: Trial) -> str:
+    which = f"session {trial.about['session']}, trial {trial.about['index']}"
+    return f"{which} was stopped ({trial.ended}): {trial.reason}"
 
 
 def view(

@@ -76,8 +76,10 @@ class TaskGroup(Group):
             task = TASKS[cmd_name]
             return Deferred(cmd_name, f"{_about(task)}.", lambda: self.command(task))
         if cmd_name not in self.list_commands(ctx):
-            remedy = f"give the task by its name, and its file by --plugin {cmd_name}" if cmd_name.endswith(".py") else ""
-            raise UnknownName(self.kind, cmd_name, self.list_commands(ctx), remedy=remedy)
+            file = f"give the task by its name, and its file by --plugin {cmd_name}"
+            raise UnknownName(
+                self.kind, cmd_name, self.list_commands(ctx), remedy=file if cmd_name.endswith(".py") else ""
+            )
         return super().get_command(ctx, cmd_name)
 
     def command(self, task: type[Task]) -> Any:
