@@ -52,7 +52,7 @@ def require_actions(action: str, rate_hz: float) -> None:
     if action not in ACTIONS:
         raise UnknownName("action", action, ACTIONS)
     if not (isinstance(rate_hz, int | float) and 1.0 <= rate_hz <= 1 / TICK_S):
-        raise InvalidValue("the rate of actions", f"{rate_hz} Hz", f"give 1 to {1 / TICK_S:.0f}")
+        raise InvalidValue("the rate of actions", f"{rate_hz!r} Hz", f"give 1 to {1 / TICK_S:.0f}")
 
 
 class Control:

@@ -367,7 +367,7 @@ def _task(kind: type[Task], options: Mapping[str, Any]) -> Task:
             raise UnknownName(f"option of the environment of {kind.name!r}", name, known)
         is_number = isinstance(kind.__dataclass_fields__[name].default, int | float)  # type: ignore[attr-defined]
         if is_number and not isinstance(options[name], int | float | np.number):
-            raise InvalidValue(name, options[name], "give a number")
+            raise InvalidValue(name, repr(options[name]), "give a number")
     return kind(**options)
 
 
