@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 import trio
@@ -51,7 +52,7 @@ def require_actions(action: str, rate_hz: float) -> None:
     """Raise UnknownName for an unknown kind of action, InvalidValue for an impossible rate."""
     if action not in ACTIONS:
         raise UnknownName("action", action, ACTIONS)
-    if not (isinstance(rate_hz, int | float) and 1.0 <= rate_hz <= 1 / TICK_S):
+    if not (isinstance(rate_hz, Real) and 1.0 <= rate_hz <= 1 / TICK_S):
         raise InvalidValue("the rate of actions", f"{rate_hz!r} Hz", f"give 1 to {1 / TICK_S:.0f}")
 
 

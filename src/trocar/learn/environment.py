@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from numbers import Real
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -366,7 +367,7 @@ def _task(kind: type[Task], options: Mapping[str, Any]) -> Task:
         if name not in known:
             raise UnknownName(f"option of the environment of {kind.name!r}", name, known)
         is_number = isinstance(kind.__dataclass_fields__[name].default, int | float)  # type: ignore[attr-defined]
-        if is_number and not isinstance(options[name], int | float | np.number):
+        if is_number and not isinstance(options[name], Real):
             raise InvalidValue(name, repr(options[name]), "give a number")
     return kind(**options)
 
