@@ -57,6 +57,8 @@ def make(folder):
 
 def features(raw, library):
     """Return what the network sees (..., 18) of state (8), objects (15) and the tip's first position (3)."""
+    if raw.shape[-1] != 26:
+        raise ValueError("this network does one transfer with one arm: give --transfers 1")
     tip = raw[..., :3]
     places = [raw[..., at : at + 3] - tip for at in (13, 19, 23)]  # grasp, target, first position
     others = [raw[..., 3:8], raw[..., 16:19], raw[..., 22:23]]  # orientation and jaw, grasp's yaw and opening, done

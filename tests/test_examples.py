@@ -158,6 +158,8 @@ def test_what_the_network_predicts_moves_with_the_scene(tmp_path):
     expected = policy.predicted(raw)
     expected[:, :3] += by_m
     np.testing.assert_allclose(policy.predicted(moved), expected, atol=1e-9)
+    with pytest.raises(ValueError, match="give --transfers 1"):
+        policy.predicted(np.append(raw, np.zeros(15)))  # of two transfers
 
 
 def test_the_network_learns_from_an_exported_data_set(tmp_path):

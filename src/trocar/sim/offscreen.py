@@ -30,6 +30,8 @@ FAR = 3.2
 """Default distance of the eye, as a multiple of the width of what is shown."""
 ROOM_M = 0.02
 """Least half-width of what is shown; less would show only a tip."""
+BESIDE_M = 0.01
+"""Shown on each side of where tips and bodies were: the half-width of a small body, and what a tip touches (assumed)."""
 
 WIDTH = 640
 """Width of a picture in pixels at scale 1."""
@@ -94,7 +96,8 @@ def handled(replay: Replay) -> Array:
     loose = [T.translation_m for name, T in bodies.items() if T.matrix.ndim == 3 and not name.startswith(tools)]
     points = np.concatenate([*moved, *loose] or paths or [T.matrix[None, :3, 3] for T in bodies.values()])
     middle = (points.max(axis=0) + points.min(axis=0)) / 2
-    return np.concatenate([points, middle + ROOM_M * np.array([[-1, -1, -1], [1, 1, 1]])])
+    half = np.maximum((points.max(axis=0) - points.min(axis=0)) / 2 + BESIDE_M, ROOM_M)
+    return np.concatenate([points, middle + half * np.array([[-1, -1, -1], [1, 1, 1]])])
 
 
 def framed(eye_m: Array, points_m: Array, scale: float = 1.0) -> tuple[SE3, Intrinsics]:
