@@ -31,7 +31,7 @@ FAR = 3.2
 ROOM_M = 0.02
 """Least half-width of what is shown; less would show only a tip."""
 BESIDE_M = 0.01
-"""Shown on each side of where tips and bodies were: the half-width of a small body, and what a tip touches (assumed)."""
+"""Shown on each side of where tips and bodies were: half a small body, and what a tip touches (assumed)."""
 
 WIDTH = 640
 """Width of a picture in pixels at scale 1."""
