@@ -25,27 +25,47 @@ from trocar.sim.spec import TIMESTEP_S
 
 RATE_HZ = 30.0
 WARM = 20
+AT_ONCE = 150
+"""Steps between two measurements of the machine's speed."""
+SPEED_RUNS = 6
 
 
 def steps_a_second(steps, **options):
-    """Return steps per second of processor time, the same of MuJoCo alone, and the seconds of a reset."""
+    """Return steps per second of processor time here and at the reference's speed, and the seconds of a reset.
+
+    A machine's speed changes within seconds, so it is measured anew before and after each few steps.
+    """
     env = CellEnv("peg-transfer", rate_hz=RATE_HZ, **options)
     began = time.process_time()
     env.reset(seed=0)
     reset_s = time.process_time() - began
     env.action_space.seed(0)
-    for step in range(WARM + steps):
-        if step == WARM:
-            began = time.process_time()
-        if env.step(env.action_space.sample())[3]:
-            env.reset()
-    found = steps / (time.process_time() - began)
-    world = env.unwrapped._laboratory.world
+    for _ in range(WARM):
+        env.step(env.action_space.sample())
+    spent_s, at_reference_s, speed = 0.0, 0.0, mean_speed(SPEED_RUNS)
+    for first in range(0, steps, AT_ONCE):
+        began = time.process_time()
+        for _ in range(min(AT_ONCE, steps - first)):
+            if env.step(env.action_space.sample())[3]:
+                env.reset()
+        here_s, before = time.process_time() - began, speed
+        speed = mean_speed(SPEED_RUNS)
+        spent_s += here_s
+        at_reference_s += here_s * (before + speed) / 2
+    env.close()
+    return steps / spent_s, steps / at_reference_s, reset_s
+
+
+def alone(steps):
+    """Return the same rates of MuJoCo alone on the same scene, here and at the reference's speed."""
+    env = CellEnv("peg-transfer", rate_hz=RATE_HZ)
+    env.reset(seed=0)
+    world, speed = env.unwrapped._laboratory.world, mean_speed(SPEED_RUNS)
     began = time.process_time()
     mujoco.mj_step(world.model, world.data, round(steps / RATE_HZ / TIMESTEP_S))
-    alone = steps / (time.process_time() - began)
+    found = steps / (time.process_time() - began)
     env.close()
-    return found, alone, reset_s
+    return found, 2 * found / (speed + mean_speed(SPEED_RUNS))
 
 
 def scaled(steps, processes):
@@ -88,15 +108,16 @@ def main():
     parser.add_argument("--steps", type=int, default=600)
     parser.add_argument("--random", type=int, default=0)
     asked = parser.parse_args()
-    before = mean_speed()
-    state, alone, reset_s = steps_a_second(asked.steps)
-    above, _, _ = steps_a_second(asked.steps // 4, calibrated=True)
-    images, _, _ = steps_a_second(asked.steps // 10, observation=("state", "images"))
-    speed = (before + mean_speed()) / 2
-    print(f"steps of {1e3 / RATE_HZ:.0f} ms a second of one core, and at the reference's speed ({1 / speed:.2f} x)")
-    rates = {"state": state, "state calibrated": above, "state and images": images, "mujoco alone": alone}
-    for name, rate in rates.items():
-        print(f"  {name:18} {rate:7.0f} {rate / speed:7.0f}")
+    state, at_reference, reset_s = steps_a_second(asked.steps)
+    rates = {
+        "state": (state, at_reference),
+        "state calibrated": steps_a_second(asked.steps // 4, calibrated=True)[:2],
+        "state and images": steps_a_second(asked.steps // 10, observation=("state", "images"))[:2],
+        "mujoco alone": alone(asked.steps),
+    }
+    print(f"steps of {1e3 / RATE_HZ:.0f} ms a second of one core, here and at the reference's speed")
+    for name, (here, there) in rates.items():
+        print(f"  {name:18} {here:7.0f} {there:7.0f}")
     print(f"a reset takes {reset_s:.2f} s; wall clock, by processes:")
     for count in sorted({1, os.cpu_count() or 1}):
         print(f"  {count:<18} {scaled(asked.steps // 4, count):7.0f}")

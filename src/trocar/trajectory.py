@@ -102,6 +102,8 @@ class Trajectory:
             raise InvalidInput(
                 "a trajectory", f"cannot be stretched by {factor}", f"give a factor above 0 and below {MAX_STRETCH:.0e}"
             )
+        if factor == 1.0:
+            return self
         powers = np.arange(len(self.coefficients) - 1, -1, -1)[:, None, None]
         start = self.times_s[0]
         return Trajectory(start + factor * (self.times_s - start), self.coefficients / factor**powers)

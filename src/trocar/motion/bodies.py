@@ -17,6 +17,7 @@ from trocar.geometry import SE3, direction
 from trocar.geometry.arrays import Array, finite
 from trocar.geometry.capsules import Capsules
 from trocar.geometry.se3 import one_pose
+from trocar.motion.limits import hulls
 from trocar.trajectory import Trajectory
 
 INSERTION = 2  # the joint that slides; all axes before it and the roll after it pass through the remote centre
@@ -270,6 +271,17 @@ def greatest_accelerations(arm: MovingArm, begin_s: Array, end_s: Array) -> Arra
     depth = np.abs(wrist_depth_m(arm.model, arm.joints(middle)))
     levers = _levers(arm.model, depth, speed[:, INSERTION] * half[:, 0])
     return np.einsum("nkj,nj->nk", levers, push + speed * (turning + 2 * before))
+
+
+def greatest_displacement_m(arm: MovingArm, q: Array) -> float:
+    """Return a bound on how far any point of the instrument's axes is, at any time, from its place at joints ``q`` (6,).
+
+    Turned from ``q`` one after the other, each joint takes a point along an arc: its angle times the distance from the
+    joint's axis, for which ``_levers`` gives a bound.
+    """
+    off = np.abs(hulls(arm.trajectory, 0) - q).max(axis=(0, 1))
+    depth = np.abs(wrist_depth_m(arm.model, q[None]))
+    return float((_levers(arm.model, depth, off[INSERTION, None])[0] @ off).max())
 
 
 def _greatest_rates(arm: MovingArm, middle_s: Array, half_s: Array) -> tuple[Array, Array]:

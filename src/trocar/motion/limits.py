@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import comb, perm
 
 import numpy as np
@@ -124,8 +125,13 @@ def hulls(trajectory: Trajectory, order: int) -> Array:
     if not len(rows):
         return np.zeros((1, *trajectory.coefficients.shape[1:]))
     powers = np.stack([perm(k + order, order) * row * h**k for k, row in enumerate(rows)])
-    weights = [[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)]
-    return np.tensordot(np.array(weights), powers, axes=1)
+    return np.tensordot(_weights(degree), powers, axes=1)
+
+
+@cache
+def _weights(degree: int) -> Array:
+    """Return the Bernstein coefficients (degree + 1, degree + 1) of the powers up to this one, in columns."""
+    return np.array([[comb(i, k) / comb(degree, k) for k in range(degree + 1)] for i in range(degree + 1)])
 
 
 def _beyond(trajectory: Trajectory, order: int, at_knots: Array) -> NDArray[np.bool_]:

@@ -25,6 +25,7 @@ from trocar.errors import (
 )
 from trocar.geometry import SE3, shown
 from trocar.geometry.arrays import Array
+from trocar.motion.apart import Apart
 from trocar.motion.bodies import MovingArm
 from trocar.motion.clearance import swept_clearance
 from trocar.motion.limits import limit_use, require_range
@@ -127,6 +128,7 @@ class Guarded:
         self._min_distance_m, self._stale_s, self._note = min_distance_m, stale_s, note
         self.estimator: JointEstimator | None = None
         self._stretch = dict.fromkeys(arms, 1.0)
+        self._apart: Apart | None = None  # where the arms were last known to be apart
         self._silent: set[str] = set()
         self._braking: set[str] = set()
 
@@ -258,9 +260,12 @@ class Guarded:
         now = self._robot.setpoint(next(iter(motions))).time_s
         movers = {name: self._mover(name, motion) for name, motion in motions.items()}
         others = {name: self._mover(name, self._robot.remaining(name)) for name in self._arms if name not in motions}
+        if self._apart is not None and self._apart.least_m(movers | others) >= self._min_distance_m:
+            return None
         end = max(arm.end_s for arm in movers.values())
         clear = swept_clearance(movers, others=others, span_s=(now, max(now, end)), enough_m=self._min_distance_m)
         if clear.distance_m >= self._min_distance_m:
+            self._apart = Apart.at(movers | others, now)
             return None
         here = swept_clearance(movers, others=others, span_s=(now, now))
         if here.distance_m < self._min_distance_m and clear.distance_m >= here.distance_m - CLOSER_M:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from trocar.arms import fk
 from trocar.cell import Robot
 from trocar.geometry import SE3, SO3
-from trocar.geometry.arrays import Array, appended
+from trocar.geometry.arrays import Array
 from trocar.replay import Solid
 from trocar.sim.spec import SHAPES
 
@@ -26,6 +27,37 @@ COLLISION_N = 0.5
 APART_S = 0.2
 """A contact that recurs within this time is the same collision."""
 VISIBLE_GROUPS = (0, 1, 2)
+FIRST_ROWS = 1024
+"""Rows that fit before an array grows: ten seconds."""
+
+
+class Rows:
+    """Rows of one shape in an array that grows; what has been read of them stays as it is.
+
+    Args:
+        shape: of a row.
+        dtype: of its items.
+    """
+
+    def __init__(self, *shape: int, dtype: DTypeLike = np.float64):
+        self._all = np.empty((FIRST_ROWS, *shape), dtype)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, count: int = 1) -> NDArray[Any]:
+        """Add rows, and return them to be written: (count, ...)."""
+        first, self._count = self._count, self._count + count
+        while self._count > len(self._all):
+            self._all = np.concatenate([self._all, np.empty_like(self._all)])
+        return self._all[first : self._count]
+
+    def read(self, start: int = 0) -> NDArray[Any]:
+        """Return the rows from ``start`` on, not to be written; -1 gives the last one."""
+        rows = self._all[: self._count][start:]
+        rows.flags.writeable = False
+        return rows
 
 
 class CollidingPair(NamedTuple):
@@ -93,40 +125,52 @@ class Recorder:
     def __init__(self, world: World, robot: Robot, jaw_command_rad: Callable[[str], float]):
         self._world, self._robot, self._jaw_command_rad = world, robot, jaw_command_rad
         self.desired_of: Robot = robot
-        self._times: list[float] = []
-        self._free: list[Array] = []
-        self._rows: dict[str, dict[str, list[Array]]] = {name: {kind: [] for kind in KINDS} for name in world.arm_names}
+        bodies = world.free_bodies
+        self._times, self._free = Rows(), Rows(len(bodies), 7)
+        self._joints = {name: {kind: Rows(7) for kind in KINDS} for name in world.arm_names}
+        self._bodies = {body: Rows(4, 4) for body in bodies}
+        self._tips = {name: Rows(4, 4) for name in world.arm_names}
 
     def observe(self, time_s: float) -> None:
         """Take one sample."""
         world = self._world
-        self._times.append(time_s)
-        self._free.append(world.free_poses())
-        for name, rows in self._rows.items():
+        self._times.add()[0] = time_s
+        self._free.add()[0] = world.free_poses()
+        for name, rows in self._joints.items():
             reading, jaw_rad = self._robot.read(name), self._jaw_command_rad(name)
-            rows["desired"].append(appended(self.desired_of.setpoint(name).q, jaw_rad))
-            rows["commanded"].append(appended(self._robot.setpoint(name).q, jaw_rad))
-            rows["measured"].append(appended(reading.q, reading.jaw_rad))
-            rows["true"].append(appended(world.joints(name), world.jaw_rad(name)))
+            samples = (
+                (self.desired_of.setpoint(name).q, jaw_rad),
+                (self._robot.setpoint(name).q, jaw_rad),
+                (reading.q, reading.jaw_rad),
+                (world.joints(name), world.jaw_rad(name)),
+            )
+            for kind, (q, opening_rad) in zip(KINDS, samples, strict=True):
+                row = rows[kind].add()[0]
+                row[:6], row[6] = q, opening_rad
 
     def record(self, collisions: tuple[Collision, ...]) -> Record:
-        """Return the record so far."""
-        joints, bases = self.joints("true"), self._world.T_world_base
-        bodies = {
-            body: SE3.from_parts(SO3.from_quaternion(rows[:, 3:]), rows[:, :3])
-            for body, rows in self.free_poses().items()
-        }
-        tips = {name: bases[name] @ fk(arm, joints[name][:, :6]) for name, arm in self._world.models.items()}
-        return Record(np.array(self._times), joints, bodies, tips, collisions)
+        """Return the record so far; poses are computed for the rows that are new since the last call."""
+        for k, poses in enumerate(self._bodies.values()):
+            new = self._free.read(len(poses))[:, k]
+            poses.add(len(new))[:] = SE3.from_parts(SO3.from_quaternion(new[:, 3:]), new[:, :3]).matrix
+        for name, poses in self._tips.items():
+            new = self._joints[name]["true"].read(len(poses))
+            poses.add(len(new))[:] = (self._world.T_world_base[name] @ fk(self._world.models[name], new[:, :6])).matrix
+        return Record(
+            self._times.read(),
+            self.joints("true"),
+            {body: SE3.unchecked(poses.read()) for body, poses in self._bodies.items()},
+            {name: SE3.unchecked(poses.read()) for name, poses in self._tips.items()},
+            collisions,
+        )
 
     def joints(self, kind: str, start: int = 0) -> dict[str, Array]:
         """Return (n, 7) joints and jaw of each arm: ``desired``, ``commanded``, ``measured`` or ``true``."""
-        return {name: np.array(rows[kind][start:]).reshape(-1, 7) for name, rows in self._rows.items()}
+        return {name: rows[kind].read(start) for name, rows in self._joints.items()}
 
     def free_poses(self, start: int = 0) -> dict[str, Array]:
         """Return positions and quaternions wxyz (n, 7) of each free body."""
-        free = self._free[start:]
-        poses = np.array(free).reshape(len(free), -1, 7)
+        poses = self._free.read(start)
         return {body: poses[:, k] for k, body in enumerate(self._world.free_bodies)}
 
     def arrays(self, start: int = 0) -> dict[str, Array]:

@@ -12,7 +12,7 @@ from trocar.geometry import SE3, SO3
 from trocar.tasks.peg_transfer.goals import BACK, THERE, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.tasks.peg_transfer.truth import RETREAT_M, PegTruth, score_transfers, stays_of
+from trocar.tasks.peg_transfer.truth import RETREAT_M, PegTruth, pegs_under, score_transfers, stays_of
 
 TASK = PegTransfer()
 GOALS = TASK.goals()
@@ -61,7 +61,8 @@ class Film:
     def truth(self):
         times = TICK_S * np.arange(len(self.rows))
         held_by, tips = {"psm1": np.array(self.held)}, {"psm1": np.array(self.tips)}
-        return PegTruth(times, SE3(np.array(self.rows)), held_by, tips, Pegboard(), Block())
+        poses, board, block = SE3(np.array(self.rows)), Pegboard(), Block()
+        return PegTruth(times, poses, pegs_under(poses, board, block), held_by, tips, board, block)
 
     def score(self, *events):
         return TASK.score(self.truth(), list(events))

@@ -55,8 +55,11 @@ class HistoryField:
         """Return the errors (3,) at a command (3,), and the new operators."""
         column = u[:, None]
         followed = np.minimum(np.maximum(memory, column - self.radii), column + self.radii)
-        slacks = ((column - followed) / self.radii).ravel()
-        return np.sin(self.v @ u + self.w @ slacks + self.phases) @ self.amplitudes, followed
+        slacks = (column - followed) / self.radii
+        waves = self.v.dot(u)  # for arrays this small, dot takes half the time of @
+        waves += self.w.dot(slacks.ravel())
+        waves += self.phases
+        return np.sin(waves).dot(self.amplitudes), followed
 
 
 MIDDLE = np.array([0.0, 0.0, 0.15])

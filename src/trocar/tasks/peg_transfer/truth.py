@@ -34,6 +34,7 @@ class PegTruth:
     Attributes:
         times_s: (n,) trial clock.
         T_board_blocks: poses (n, k) in the board's frame.
+        pegs: (n, k) the peg round which each block stands upright, as ``pegs_under`` returns it; -1 if there is none.
         held_by: (n, k) whether both fingers of an arm touch the block, by the arm's name.
         p_board_tips: (n, 3) true tip of each arm in the board's frame, m, by name.
         board: the pegboard's shape.
@@ -42,6 +43,7 @@ class PegTruth:
 
     times_s: NDArray[np.float64]
     T_board_blocks: SE3
+    pegs: NDArray[np.intp]
     held_by: Mapping[str, NDArray[np.bool_]]
     p_board_tips: Mapping[str, NDArray[np.float64]]
     board: Pegboard
@@ -51,11 +53,6 @@ class PegTruth:
     def held(self) -> NDArray[np.bool_]:
         """Return when each block was held by any arm (n, k)."""
         return np.any(list(self.held_by.values()), axis=0)
-
-    @cached_property
-    def pegs(self) -> NDArray[np.intp]:
-        """Return the peg (n, k) round which each block stands upright at each time; -1 if there is none."""
-        return pegs_under(self.T_board_blocks, self.board, self.block)
 
 
 def pegs_under(T_board_blocks: SE3, board: Pegboard, block: Block) -> NDArray[np.intp]:

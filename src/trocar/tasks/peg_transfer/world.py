@@ -10,12 +10,12 @@ from mujoco import mjtGeom
 from numpy.typing import NDArray
 
 from trocar.geometry import SE3
-from trocar.sim.record import CollidingPair, Record
+from trocar.sim.record import CollidingPair, Record, Rows
 from trocar.sim.spec import SOLID, UNSEEN_GROUP, digits, placed
 from trocar.sim.world import TaskWorld, World
 from trocar.tasks.peg_transfer.goals import Transfer
 from trocar.tasks.peg_transfer.scene import PegScene
-from trocar.tasks.peg_transfer.truth import PegTruth
+from trocar.tasks.peg_transfer.truth import PegTruth, pegs_under
 
 FOOT_M = 0.05e-3
 """Gap between a block's prisms and the plate: a block stands on three feet, with three contacts and not thirty-six."""
@@ -34,7 +34,6 @@ class PegWorld(TaskWorld):
 
     def __init__(self, scene: PegScene):
         self._scene = scene
-        self._held_at: dict[str, list[NDArray[np.bool_]]] = {}
         self._held: dict[int, str] = {}
         self._errands: dict[Transfer, int] = {}
 
@@ -47,6 +46,8 @@ class PegWorld(TaskWorld):
         """Look up which block, peg or finger each geom belongs to."""
         self._world = world
         self._count = len(self._scene.T_world_blocks.matrix)
+        self._held_at = {name: Rows(self._count, dtype=bool) for name in world.arms}
+        self._T_board_blocks, self._pegs = Rows(self._count, 4, 4), Rows(self._count, dtype=int)
         self._block = _numbered(world, "block")
         self._peg = _numbered(world, "peg")
         self._finger = np.full(world.model.ngeom, -1, dtype=np.intp)
@@ -59,13 +60,16 @@ class PegWorld(TaskWorld):
         pairs = self._world.data.contact.geom[: self._world.data.ncon].T
         finger, block = np.maximum(*self._finger[pairs]), np.maximum(*self._block[pairs])
         there = (finger >= 0) & (block >= 0)
-        touches = set(zip(finger[there].tolist(), block[there].tolist(), strict=True))
+        touched: dict[int, set[int]] = {}
+        for one, k in zip(finger[there].tolist(), block[there].tolist(), strict=True):
+            touched.setdefault(one, set()).add(k)
         self._held = {}
         for name, index in self._world.arms.items():
-            both = [k for k in range(self._count) if all((one, k) in touches for one in index.fingers)]
-            held = np.zeros(self._count, dtype=bool)
+            left, right = (touched.get(one, set()) for one in index.fingers)
+            both = sorted(left & right)
+            held = self._held_at[name].add()[0]
+            held[:] = False
             held[both] = True
-            self._held_at.setdefault(name, []).append(held)
             self._held.update(dict.fromkeys(both, name))
 
     def collision(self, first: int, second: int) -> CollidingPair | None:
@@ -94,17 +98,23 @@ class PegWorld(TaskWorld):
         return blocks[block], target
 
     def truth(self, record: Record) -> PegTruth:
-        """Return where blocks and tips were in the board's frame, and when blocks were held."""
-        T_board_world = self._scene.T_world_board.inverse()
-        held_by = {name: np.array(rows) for name, rows in self._held_at.items()}
-        poses = [record.T_world_body[f"block{k}"].matrix for k in range(self._count)]
+        """Return where blocks and tips were in the board's frame, and when blocks were held.
+
+        Only the rows that are new since the last call are computed: a learner's referee looks once a second.
+        """
+        scene, T_board_world = self._scene, self._scene.T_world_board.inverse()
+        new = [record.T_world_body[f"block{k}"].matrix[len(self._pegs) :] for k in range(self._count)]
+        T_board_blocks = T_board_world @ SE3.unchecked(np.stack(new, axis=1))
+        self._T_board_blocks.add(len(new[0]))[:] = T_board_blocks.matrix
+        self._pegs.add(len(new[0]))[:] = pegs_under(T_board_blocks, scene.board, scene.block)
         return PegTruth(
             times_s=record.times_s,
-            T_board_blocks=T_board_world @ SE3.unchecked(np.stack(poses, axis=1)),
-            held_by=held_by,
+            T_board_blocks=SE3.unchecked(self._T_board_blocks.read()),
+            pegs=self._pegs.read(),
+            held_by={name: rows.read() for name, rows in self._held_at.items()},
             p_board_tips={name: T_board_world.apply(T.translation_m) for name, T in record.T_world_tip.items()},
-            board=self._scene.board,
-            block=self._scene.block,
+            board=scene.board,
+            block=scene.block,
         )
 
     def arrays(self, record: Record) -> Mapping[str, NDArray]:
