@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from trocar.eval.folder import load_trials
 from trocar.eval.method import METHODS
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
-from trocar.eval.trial import trial_file, trial_files
+from trocar.eval.trial import Trial, trial_file, trial_files
 from trocar.report.files import report_of
 from trocar.report.summary import summarise
 from trocar.robots import TICK_S
@@ -222,6 +223,22 @@ def test_another_agent_meets_the_same_scene_and_the_same_noise(lookers, tmp_path
     assert (noise[0] == noise[1]).mean() > 0.999
     both = ~noise[0] & ~noise[1]
     assert np.median(np.abs(first.depth_m - second.depth_m)[both]) < 1e-6
+
+
+@dataclass(frozen=True)
+class OddSettings(LookerSettings):
+    """Settings that JSON does not know."""
+
+    share: float = np.float32(0.5)  # type: ignore[assignment]  # what NumPy computed
+    drawing: Path = Path("a.svg")
+    places_m: tuple = (np.float64(0.25), 1)
+
+
+def test_settings_of_any_kind_lose_no_trial(registries, tmp_path):
+    METHODS.register("peg-transfer/odd", Method("does nothing", Idler, OddSettings, perception="depth"))
+    kept = Trial.load(looked(tmp_path, "odd").save(tmp_path / "trial.npz"))
+    settings = {"wait_s": 0.05, "share": 0.5, "drawing": "a.svg", "places_m": [0.25, 1]}
+    assert kept.about["settings"] == settings
 
 
 def test_a_scene_depends_on_seed_session_and_number_alone(lookers, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.errors import InvalidInput, TrocarError
-from trocar.eval import TASKS, Method, Task, agent_explanation, option, stopped
+from trocar.eval import TASKS, Method, Score, Task, agent_explanation, option, stopped
 from trocar.eval.task import check_budget
 from trocar.lab import load_station
 
@@ -125,3 +125,39 @@ def test_a_script_explains_a_goal_by_its_own_word_or_by_why_it_was_given_up():
     for nothing in ({"outcome": "DONE"}, {}):  # it said that all went well: the truth has to tell
         assert agent_explanation(nothing, given_up) is None
     assert agent_explanation(None, []) is None
+
+
+GOOD = {"attempted": True, "succeeded": False, "failure": "MISSED", "reason": "", "start_s": 0, "end_s": 1.5}
+
+
+@dataclass(frozen=True)
+class RowScore(Score):
+    """A row of stitches as the referee saw it."""
+
+    stitches: int
+    at_m: tuple[float, ...] | None = None
+
+
+def test_numbers_of_numpy_in_a_score_become_pythons():
+    score = RowScore(np.True_, np.False_, np.str_("MISSED"), "", np.int64(0), np.float32(1.5), stitches=np.int8(3))
+    assert score == RowScore(**GOOD, stitches=3)
+    assert [type(value) for value in vars(score).values()][:-1] == [bool, bool, str, str, int, float, int]
+    assert RowScore(**GOOD, stitches=3, at_m=np.array([1.0, 2.0])).at_m == [1.0, 2.0]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("attempted", 1, "attempted of a RowScore is 1; give True or False"),
+        ("succeeded", None, "succeeded of a RowScore is None; give True or False"),
+        ("succeeded", np.array([True, False]), r"succeeded of a RowScore is \[True, False\]; give True or False"),
+        ("failure", None, "failure of a RowScore is None; give a text, which may be empty"),
+        ("reason", 3, "reason of a RowScore is 3; give a text"),
+        ("start_s", True, "start_s of a RowScore is True; give a finite number of seconds"),
+        ("end_s", "soon", "end_s of a RowScore is 'soon'; give a finite number of seconds"),
+        ("end_s", np.float32("nan"), "end_s of a RowScore is nan; give a finite number of seconds"),
+    ],
+)
+def test_a_score_of_other_kinds_is_refused_by_its_field(field, value, words):
+    with pytest.raises(InvalidInput, match=words):
+        RowScore(**GOOD | {field: value}, stitches=3)

@@ -20,6 +20,7 @@ from trocar.eval.task import Score, Task
 from trocar.eval.trial import Trial
 from trocar.lab import SensorFlaws
 from trocar.log import machine_speed
+from trocar.log import plain as plain_value
 from trocar.perception.image import Image as Taken
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
@@ -169,7 +170,7 @@ def plain(settings: Any) -> Any:
     """Return settings as JSON values."""
     if is_dataclass(settings) and not isinstance(settings, type):
         return {name: plain(value) for name, value in vars(settings).items()}
-    return settings.tolist() if isinstance(settings, np.ndarray) else settings
+    return plain_value(settings)
 
 
 def encoded(cameras: Mapping[str, Photographer]) -> Files:

@@ -50,6 +50,14 @@ def flag_of(field: Field[Any]) -> str:
     return f"--{(field.metadata.get('flag') or field.name).replace('_', '-')}"
 
 
+_SCORED: tuple[tuple[tuple[str, ...], Any, str], ...] = (
+    (("attempted", "succeeded"), bool, "give True or False"),
+    (("failure", "reason"), str, "give a text, which may be empty"),
+    (("start_s", "end_s"), (int, float), "give a finite number of seconds"),
+)
+"""Fields of a score with their kinds, and what to give instead of another."""
+
+
 @dataclass(frozen=True)
 class Score:
     """The outcome of one goal, as the referee saw it.
@@ -61,6 +69,11 @@ class Score:
         reason: explanation in a sentence, or empty.
         start_s: start on the trial's clock.
         end_s: end on the trial's clock.
+
+    NumPy's numbers become Python's, also in the fields of derived classes.
+
+    Raises:
+        InvalidInput: a field is of another kind, or a time is not finite.
     """
 
     attempted: bool
@@ -69,6 +82,18 @@ class Score:
     reason: str
     start_s: float
     end_s: float
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, np.generic | np.ndarray):
+                object.__setattr__(self, one.name, value.tolist())
+        for names, kinds, remedy in _SCORED:
+            for name in names:
+                value = getattr(self, name)
+                sensible = isinstance(value, kinds) and isinstance(value, bool) == (kinds is bool)
+                if not sensible or (isinstance(value, float) and not math.isfinite(value)):
+                    raise InvalidInput(f"{name} of a {type(self).__name__}", f"is {value!r}", remedy)
 
     def __repr__(self) -> str:
         result = "done" if self.succeeded else self.failure or ("failed" if self.attempted else "not attempted")
