@@ -10,6 +10,7 @@ from trocar.arms.instrument import FingerMarks
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.models import TrainingMotion
 from trocar.calibration.plant import PSM1_GREY
+from trocar.checks import takes
 from trocar.errors import TrocarError
 from trocar.lab import CheckerboardRegistration, Registration, SensorFlaws, load_station
 from trocar.lab.transmission import Cables, PoseErrorField
@@ -49,3 +50,10 @@ def test_nan_in_an_array_is_refused_too():
 def test_what_is_not_finite_is_named_wherever_it_stands(make, words):
     with pytest.raises(TrocarError, match=words):
         make()
+
+
+def test_a_function_takes_as_many_values_as_it_has_places_for():
+    def one(a, b=2, *, c=3): ...
+
+    assert [takes(one, count) for count in range(4)] == [False, True, True, False]
+    assert not takes(lambda *, a: a, 1) and takes(dict, 7)  # of what is written in C, Python knows no signature

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -20,6 +22,19 @@ def require_numbers(value: Any) -> None:
         held = getattr(value, field.name)
         if _has_nan(held):
             raise InvalidInput(field.name, f"of {type(value).__name__} holds NaN ({held})", "give a number")
+
+
+def takes(function: Callable[..., Any], count: int) -> bool:
+    """Return whether a function can be called with this many values in order; also true if Python cannot tell."""
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # some functions that are written in C
+        return True
+    try:
+        signature.bind(*range(count))
+    except TypeError:
+        return False
+    return True
 
 
 def _has_nan(held: Any) -> bool:
