@@ -298,6 +298,29 @@ def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(registries, 
     assert "raise error" in trial.events[-1]["traceback"]
 
 
+class Hasty(Looker):
+    """An agent whose author forgot a word."""
+
+    def run(self): ...  # type: ignore[override]
+
+
+class Nothing:
+    """An agent without anything."""
+
+    def __init__(self, context): ...
+
+
+@pytest.mark.parametrize("observations", [False, True])
+@pytest.mark.parametrize("agent", [Hasty, Nothing])
+def test_an_agent_that_cannot_be_awaited_is_told(registries, tmp_path, agent, observations):
+    METHODS.register("peg-transfer/hasty", Method("returns", agent, LookerSettings, perception="depth"))
+    config = RunConfig(PegTransfer(transfers=1), method="hasty", observations=observations)
+    trial = run_trial(config, prepare(config, 0, tmp_path), 0)
+    remedy = "give its class a method `async def run(self)`"
+    assert trial.reason == f"agent {agent.__name__} has no coroutine function run; {remedy}"
+    assert trial.ended == "FAULT"
+
+
 def test_a_simulation_that_breaks_down_makes_no_trial(registries, tmp_path):
     METHODS.register("peg-transfer/broken", broken(PhysicsError(0.2)))
     with pytest.raises(PhysicsError):

@@ -9,7 +9,7 @@ import pytest
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import TASKS, Method, Score, Task, agent_explanation, option, stopped
-from trocar.eval.task import check_budget
+from trocar.eval.task import check_budget, draw_world
 from trocar.lab import load_station
 
 
@@ -54,6 +54,9 @@ class Whole(Knitting):
 
     def score(self, truth, events): ...
 
+    @staticmethod
+    def nominal(): ...
+
 
 @pytest.mark.parametrize(
     ("task", "words"),
@@ -68,6 +71,46 @@ class Whole(Knitting):
 def test_a_task_that_lacks_something_is_refused_when_it_is_registered(registries, task, words):
     with pytest.raises(InvalidInput, match=words):
         TASKS.register("x", task)
+
+
+class Blind(Whole):
+    def scene(self, rng): ...
+
+
+class Deaf(Whole):
+    @staticmethod
+    def score(truth): ...
+
+
+class Rooted(Whole):
+    def at(self): ...
+
+
+class Settled(Whole):
+    goals = (0, 1)  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        (Blind, r"scene of task Blind cannot be called as scene\(rng, station\); give it these parameters"),
+        (Deaf, r"score of task Deaf cannot be called as score\(truth, events\); give it"),
+        (Rooted, r"at of task Rooted cannot be called as at\(station\); give it"),
+        (Settled, r"goals of task Settled cannot be called as goals\(\); give it"),
+    ],
+)
+def test_a_method_that_takes_something_else_is_refused_when_its_task_is_registered(registries, task, words):
+    with pytest.raises(InvalidInput, match=words):
+        TASKS.register("x", task)
+
+
+@pytest.mark.parametrize("world", [None, {"bodies": []}])
+def test_a_world_that_is_none_is_told(monkeypatch, world):
+    monkeypatch.setattr(Whole, "world", lambda self, scene: world)
+    with pytest.raises(
+        InvalidInput, match=r"task 'knitting' returns .* from world\(scene\); return a trocar.sim.world"
+    ):
+        draw_world(Whole(), np.random.default_rng(0), load_station("peg-transfer"))
 
 
 def test_a_task_that_lacks_nothing_can_be_registered(registries):

@@ -118,7 +118,7 @@ def test_a_registered_planner_that_sees_more_is_recommended():
 
 @pytest.mark.parametrize("planner", [None, "spline", lambda: {}, lambda problem, limits: {}])
 def test_what_cannot_be_called_with_a_problem_is_no_planner(registries, planner):
-    with pytest.raises(InvalidInput, match="planner 'mine' is .*; register a function of a MotionProblem"):
+    with pytest.raises(InvalidInput, match=r"planner 'mine' is .*; register a function of a MotionProblem"):
         PLANNERS.register("mine", planner)
     PLANNERS.register("mine", lambda problem, patience_s=1.0: {})
 

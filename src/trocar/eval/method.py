@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol
 
@@ -27,6 +27,20 @@ class Agent(Protocol):
     async def run(self) -> None:
         """Do the task; return when there is nothing left to do."""
         ...
+
+
+def begun(agent: Agent) -> Awaitable[None]:
+    """Return what is to be awaited for an agent to do its task.
+
+    Raises:
+        InvalidInput: it has no coroutine function ``run``.
+    """
+    run = getattr(agent, "run", None)
+    script = run() if callable(run) else None
+    if not isinstance(script, Awaitable):
+        remedy = "give its class a method `async def run(self)`"
+        raise InvalidInput(f"agent {type(agent).__name__}", "has no coroutine function run", remedy)
+    return script
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from trocar.errors import InvalidInput
 from trocar.eval.config import TRIALS, RunConfig
 from trocar.eval.prepare import Prepared
 from trocar.eval.scenery import Scenery
-from trocar.eval.task import Score, Task
+from trocar.eval.task import Score, Task, draw_world
 from trocar.eval.trial import Trial
 from trocar.lab import SensorFlaws
 from trocar.log import machine_speed
@@ -98,7 +98,7 @@ class StagedTrial:
         scene_rng, noise_rng, self.agent_rng, shake_rng = map(np.random.default_rng, seeds.spawn(4))
         self.laboratory = SimLaboratory(
             prepared.session,
-            config.task.world(config.task.scene(scene_rng, config.laboratory)),
+            draw_world(config.task, scene_rng, config.laboratory),
             noise_rng,
             flaws=SensorFlaws.none() if config.flawless_camera else None,
             listener=listener,
