@@ -10,6 +10,7 @@ from trocar.arms.instrument import FingerMarks
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.calibration.models import TrainingMotion
 from trocar.calibration.plant import PSM1_GREY
+from trocar.checks import outside, takes
 from trocar.errors import TrocarError
 from trocar.lab import CheckerboardRegistration, Registration, SensorFlaws, load_station
 from trocar.lab.transmission import Cables, PoseErrorField
@@ -49,3 +50,32 @@ def test_nan_in_an_array_is_refused_too():
 def test_what_is_not_finite_is_named_wherever_it_stands(make, words):
     with pytest.raises(TrocarError, match=words):
         make()
+
+
+def test_a_function_takes_as_many_values_as_it_has_places_for():
+    def one(a, b=2, *, c=3): ...
+
+    assert [takes(one, count) for count in range(4)] == [False, True, True, False]
+    assert not takes(lambda *, a: a, 1) and takes(dict, 7)  # of what is written in C, Python knows no signature
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (2.0, ("2.0000", "[-1.0000, 1.5708]")),
+        (math.pi / 2 + 1e-6, ("1.570797", "[-1.000000, 1.570796]")),
+        (-1.00000001, ("-1.00000001", "[-1.00000000, 1.57079633]")),
+        (-1.00004, ("-1.00004", "[-1.00000, 1.57080]")),
+        (math.inf, ("inf", "[-1.0000, 1.5708]")),
+    ],
+)
+def test_a_value_just_outside_of_a_range_reads_as_outside(value, shown):
+    assert outside(value, -1.0, math.pi / 2) == shown
+
+
+def test_what_is_a_little_below_zero_is_not_shown_as_zero():
+    assert outside(-1e-6, 0.0, 1.0) == ("-0.000001", "[0.000000, 1.000000]")
+
+
+def test_values_that_differ_in_the_last_bit_end_the_search_too():
+    assert outside(np.nextafter(1e-3, 1.0), 0.0, 1e-3)[0] == "0.00100000000000000"

@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from synthetic import config
@@ -132,6 +133,11 @@ def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
 def test_what_is_unusual_about_a_run_is_told():
     assert config(seed=1).unusual == {"calibration": "joints", "difficulty": ["mild"]}
     assert RunConfig(PegTransfer(transfers=3), method="best").unusual == {"transfers": 3}
+
+
+def test_a_number_of_numpy_is_an_option_like_pythons():
+    one, other = (RunConfig(PegTransfer(transfers=kind(3), budget_s=kind(99))) for kind in (np.int64, int))
+    assert one.fingerprint == other.fingerprint
 
 
 def test_a_fingerprint_is_the_same_in_another_process_and_in_any_order():

@@ -13,7 +13,7 @@ from simulated import ideal_laboratory, standing
 from trocar.arms import ARMS
 from trocar.calibration.excitation import EXERCISE_RAD
 from trocar.cli.task_group import TaskGroup
-from trocar.errors import InvalidInput, TrocarError
+from trocar.errors import InvalidInput, TrocarError, UnknownName
 from trocar.eval import (
     METHODS,
     PERCEPTIONS,
@@ -187,6 +187,16 @@ def test_methods_from_outside_are_their_tasks_alone():
     assert pick_method(Knitting, "") is BY_HAND
 
 
+def test_a_method_of_a_misspelt_task_is_named_when_it_is_missed():
+    METHODS.register("kniting/mine", BY_HAND)  # before its task, which may yet come
+    assert methods_of(Knitting) == ("by-hand", "machine")
+    words = "method 'kniting/mine' is of a task that is not registered, 'kniting'; register it as 'knitting/mine'"
+    with pytest.raises(InvalidInput, match=words):
+        pick_method(Knitting, "mine")
+    with pytest.raises(UnknownName):
+        pick_method(Knitting, "yours")
+
+
 def test_perceptions_are_made_anew_whenever_they_are_picked():
     class Fingers:
         pass
@@ -269,6 +279,9 @@ def test_a_setting_that_cannot_be_is_refused(change, words):
         (lambda: Method("by hand", Knitter, 3), "the settings of method 'by hand' is 3"),
         (lambda: Method("by hand", Knitter, calibrated=True, learns=True), "is both calibrated and learns"),
         (lambda: METHODS.register("knitting/x", Knitter), r"method 'knitting/x' is .*; register a trocar.eval.Method"),
+        (lambda: METHODS.register("x", BY_HAND), "method 'x' names no task; register it as TASK/x"),
+        (lambda: METHODS.register("knitting/", BY_HAND), "method 'knitting/' names no task; register it as TASK/"),
+        (lambda: PERCEPTIONS.register("/x", Eyes), "perception '/x' names no task; register it as TASK/x"),
         (lambda: PERCEPTIONS.register("knitting/x", 3), "perception 'knitting/x' is 3; register a class"),
     ],
 )

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from trocar.eval.folder import load_trials
 from trocar.eval.method import METHODS
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
-from trocar.eval.trial import trial_file, trial_files
+from trocar.eval.trial import Trial, trial_file, trial_files
 from trocar.report.files import report_of
 from trocar.report.summary import summarise
 from trocar.robots import TICK_S
@@ -224,6 +225,22 @@ def test_another_agent_meets_the_same_scene_and_the_same_noise(lookers, tmp_path
     assert np.median(np.abs(first.depth_m - second.depth_m)[both]) < 1e-6
 
 
+@dataclass(frozen=True)
+class OddSettings(LookerSettings):
+    """Settings that JSON does not know."""
+
+    share: float = np.float32(0.5)  # type: ignore[assignment]  # what NumPy computed
+    drawing: Path = Path("a.svg")
+    places_m: tuple = (np.float64(0.25), 1)
+
+
+def test_settings_of_any_kind_lose_no_trial(registries, tmp_path):
+    METHODS.register("peg-transfer/odd", Method("does nothing", Idler, OddSettings, perception="depth"))
+    kept = Trial.load(looked(tmp_path, "odd").save(tmp_path / "trial.npz"))
+    settings = {"wait_s": 0.05, "share": 0.5, "drawing": "a.svg", "places_m": [0.25, 1]}
+    assert kept.about["settings"] == settings
+
+
 def test_a_scene_depends_on_seed_session_and_number_alone(lookers, tmp_path):
     usual = blocks_of(looked(tmp_path))
     assert_array_equal(usual, blocks_of(looked(tmp_path, "steady")))
@@ -279,6 +296,29 @@ def test_an_exception_of_the_agent_ends_its_trial_alone_and_is_kept(registries, 
     assert "KeyError: 'a mistake' (test_run.py, line " in trial.reason
     assert {score["failure"] for score in trial.scores} == {"AGENT_ERROR"}
     assert "raise error" in trial.events[-1]["traceback"]
+
+
+class Hasty(Looker):
+    """An agent whose author forgot a word."""
+
+    def run(self): ...  # type: ignore[override]
+
+
+class Nothing:
+    """An agent without anything."""
+
+    def __init__(self, context): ...
+
+
+@pytest.mark.parametrize("observations", [False, True])
+@pytest.mark.parametrize("agent", [Hasty, Nothing])
+def test_an_agent_that_cannot_be_awaited_is_told(registries, tmp_path, agent, observations):
+    METHODS.register("peg-transfer/hasty", Method("returns", agent, LookerSettings, perception="depth"))
+    config = RunConfig(PegTransfer(transfers=1), method="hasty", observations=observations)
+    trial = run_trial(config, prepare(config, 0, tmp_path), 0)
+    remedy = "give its class a method `async def run(self)`"
+    assert trial.reason == f"agent {agent.__name__} has no coroutine function run; {remedy}"
+    assert trial.ended == "FAULT"
 
 
 def test_a_simulation_that_breaks_down_makes_no_trial(registries, tmp_path):

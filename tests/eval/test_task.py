@@ -8,8 +8,8 @@ import pytest
 
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.errors import InvalidInput, TrocarError
-from trocar.eval import TASKS, Method, Task, agent_explanation, option, stopped
-from trocar.eval.task import check_budget
+from trocar.eval import TASKS, Method, Score, Task, agent_explanation, option, stopped
+from trocar.eval.task import check_budget, draw_world
 from trocar.lab import load_station
 
 
@@ -54,6 +54,9 @@ class Whole(Knitting):
 
     def score(self, truth, events): ...
 
+    @staticmethod
+    def nominal(): ...
+
 
 @pytest.mark.parametrize(
     ("task", "words"),
@@ -68,6 +71,46 @@ class Whole(Knitting):
 def test_a_task_that_lacks_something_is_refused_when_it_is_registered(registries, task, words):
     with pytest.raises(InvalidInput, match=words):
         TASKS.register("x", task)
+
+
+class Blind(Whole):
+    def scene(self, rng): ...
+
+
+class Deaf(Whole):
+    @staticmethod
+    def score(truth): ...
+
+
+class Rooted(Whole):
+    def at(self): ...
+
+
+class Settled(Whole):
+    goals = (0, 1)  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        (Blind, r"scene of task Blind cannot be called as scene\(rng, station\); give it these parameters"),
+        (Deaf, r"score of task Deaf cannot be called as score\(truth, events\); give it"),
+        (Rooted, r"at of task Rooted cannot be called as at\(station\); give it"),
+        (Settled, r"goals of task Settled cannot be called as goals\(\); give it"),
+    ],
+)
+def test_a_method_that_takes_something_else_is_refused_when_its_task_is_registered(registries, task, words):
+    with pytest.raises(InvalidInput, match=words):
+        TASKS.register("x", task)
+
+
+@pytest.mark.parametrize("world", [None, {"bodies": []}])
+def test_a_world_that_is_none_is_told(monkeypatch, world):
+    monkeypatch.setattr(Whole, "world", lambda self, scene: world)
+    with pytest.raises(
+        InvalidInput, match=r"task 'knitting' returns .* from world\(scene\); return a trocar.sim.world"
+    ):
+        draw_world(Whole(), np.random.default_rng(0), load_station("peg-transfer"))
 
 
 def test_a_task_that_lacks_nothing_can_be_registered(registries):
@@ -125,3 +168,39 @@ def test_a_script_explains_a_goal_by_its_own_word_or_by_why_it_was_given_up():
     for nothing in ({"outcome": "DONE"}, {}):  # it said that all went well: the truth has to tell
         assert agent_explanation(nothing, given_up) is None
     assert agent_explanation(None, []) is None
+
+
+GOOD = {"attempted": True, "succeeded": False, "failure": "MISSED", "reason": "", "start_s": 0, "end_s": 1.5}
+
+
+@dataclass(frozen=True)
+class RowScore(Score):
+    """A row of stitches as the referee saw it."""
+
+    stitches: int
+    at_m: tuple[float, ...] | None = None
+
+
+def test_numbers_of_numpy_in_a_score_become_pythons():
+    score = RowScore(np.True_, np.False_, np.str_("MISSED"), "", np.int64(0), np.float32(1.5), stitches=np.int8(3))
+    assert score == RowScore(**GOOD, stitches=3)
+    assert [type(value) for value in vars(score).values()][:-1] == [bool, bool, str, str, int, float, int]
+    assert RowScore(**GOOD, stitches=3, at_m=np.array([1.0, 2.0])).at_m == [1.0, 2.0]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("attempted", 1, "attempted of a RowScore is 1; give True or False"),
+        ("succeeded", None, "succeeded of a RowScore is None; give True or False"),
+        ("succeeded", np.array([True, False]), r"succeeded of a RowScore is \[True, False\]; give True or False"),
+        ("failure", None, "failure of a RowScore is None; give a text, which may be empty"),
+        ("reason", 3, "reason of a RowScore is 3; give a text"),
+        ("start_s", True, "start_s of a RowScore is True; give a finite number of seconds"),
+        ("end_s", "soon", "end_s of a RowScore is 'soon'; give a finite number of seconds"),
+        ("end_s", np.float32("nan"), "end_s of a RowScore is nan; give a finite number of seconds"),
+    ],
+)
+def test_a_score_of_other_kinds_is_refused_by_its_field(field, value, words):
+    with pytest.raises(InvalidInput, match=words):
+        RowScore(**GOOD | {field: value}, stitches=3)

@@ -10,6 +10,7 @@ from trocar.errors import TrocarError
 from trocar.eval import trial as module
 from trocar.eval.trial import Trial, timing_file, trial_about, trial_file, trial_files
 from trocar.files.archive import Archive, read_archive
+from trocar.log import Computation
 
 RUN = config()
 
@@ -73,6 +74,18 @@ def test_what_was_saved_comes_back(path):
     for key, array in trial.arrays.items():
         assert loaded.arrays[key].dtype == array.dtype
         assert np.array_equal(loaded.arrays[key], array)
+
+
+def test_numbers_of_numpy_lose_no_trial(path):
+    trial, plainly = synthetic_trial(RUN, 7), synthetic_trial(RUN, 7)
+    for one, kind in ((trial, np.float32), (plainly, float)):
+        one.scores[0]["end_s"] = kind(2.5)
+        one.about["settings"] = {"wait_s": kind(0.5), "sure": np.True_ if one is trial else True}
+        one.computations[0] = Computation("planning", kind(0.25), kind(0.5))
+    assert trial.save(path).read_bytes() == plainly.save(path.with_name("plain.npz")).read_bytes()
+    loaded = Trial.load(path)
+    assert loaded.scores == plainly.scores and loaded.about == plainly.about
+    assert loaded.computations == plainly.computations
 
 
 def test_the_speed_of_the_machine_is_not_in_the_trial(tmp_path):

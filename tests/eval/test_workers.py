@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
@@ -160,6 +160,19 @@ def test_ctrl_c_while_workers_start_is_no_traceback_of_theirs(tmp_path):
     os.killpg(process.pid, signal.SIGINT)
     _, err = ends_of(process)
     assert (process.returncode, err) == (130, "")
+
+
+@pytest.mark.slow
+def test_workers_end_with_a_process_that_is_killed(tmp_path):
+    process = at_work(tmp_path)
+    begun(tmp_path, process)
+    process.kill()
+    try:
+        process.communicate(timeout=20)  # until nobody holds its stdout any more, its workers included
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert len(list(tmp_path.glob("began_*"))) < 6
 
 
 def test_no_work_needs_no_worker():

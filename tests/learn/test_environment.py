@@ -210,6 +210,8 @@ def test_bad_actions_are_refused_in_a_sentence_and_nothing_is_lost(peg):
         ({"rate_hz": "30"}, "rate of actions is '30' Hz; give 1 to 100"),
         ({"budget_s": "5"}, "budget_s is '5'; give a number"),
         ({"flaws": "weer=2x"}, "flaw 'weer' is unknown"),
+        ({"calibrated": "yes"}, "calibrated is 'yes'; give True or False"),
+        ({"calibrated": 1}, "calibrated is 1; give True or False"),
         ({"calibration": "images"}, "calibration 'images' fits no model; drop it, or give calibrated=True"),
         ({"render_mode": "ansi"}, "render_mode 'ansi' is unknown"),
         ({"colour": 1}, "option of the environment of 'peg-transfer' 'colour' is unknown"),
@@ -223,8 +225,11 @@ def test_bad_options_are_refused(options, said):
 
 
 def test_a_reset_to_a_session_that_is_not_there_is_refused(peg):
-    with pytest.raises(InvalidValue, match=r"the session of reset\(\) is 99; give 0 to 9"):
+    with pytest.raises(InvalidValue, match=r"the session of reset\(\) is 99; give a whole number from 0 to 9"):
         peg.reset(options={"session": 99})
+    for name in ("session", "trial"):
+        with pytest.raises(InvalidValue, match=rf"the {name} of reset\(\) is True; give a whole number from 0"):
+            peg.reset(options={name: True})
     with pytest.raises(UnknownName, match="'scene'"):
         peg.reset(options={"scene": 1})
     _, info = peg.reset(options={"session": np.int64(3), "trial": 5})

@@ -120,7 +120,7 @@ def test_a_range_may_not_be_left(joint, sign):
     q[1, joint] = (ARM.upper if sign > 0 else ARM.lower)[joint]
     require_range(ARM, limit_use(ARM, Trajectory.hermite([0.0, 1.0], q, np.zeros((2, 6))), LIMITS))
     q[1, joint] += sign * 1e-6
-    with pytest.raises(TrocarError, match=f"takes joint '{ARM.joints[joint].name}' .* out of its range"):
+    with pytest.raises(TrocarError, match=f"takes joint '{ARM.joints[joint].name}' 0.000001 .* out of its range"):
         require_range(ARM, limit_use(ARM, Trajectory.hermite([0.0, 1.0], q, np.zeros((2, 6))), LIMITS))
 
 

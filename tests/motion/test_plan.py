@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trocar.arms import MotionLimits, fk
-from trocar.errors import ArmMoving, MotionRefused, NoPlan, TrocarError
+from trocar.errors import ArmMoving, InvalidInput, MotionRefused, NoPlan, TrocarError
 from trocar.geometry import SE3
 from trocar.motion import (
     PLANNERS,
@@ -114,6 +114,13 @@ def test_a_registered_planner_that_sees_more_is_recommended():
     finally:
         PLANNERS.forget("sees-all")
     assert "'spline' ignores straight pieces, try " in reason and reason.endswith(", sees-all")
+
+
+@pytest.mark.parametrize("planner", [None, "spline", lambda: {}, lambda problem, limits: {}])
+def test_what_cannot_be_called_with_a_problem_is_no_planner(registries, planner):
+    with pytest.raises(InvalidInput, match=r"planner 'mine' is .*; register a function of a MotionProblem"):
+        PLANNERS.register("mine", planner)
+    PLANNERS.register("mine", lambda problem, patience_s=1.0: {})
 
 
 @pytest.mark.parametrize("planner", PLANNERS)

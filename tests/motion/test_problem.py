@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -242,6 +243,11 @@ def test_waypoints_lie_within_the_ranges_and_their_slack(joint):
         arm.require_ranges(0.01 + 1e-9)
         with pytest.raises(TrocarError, match=f"waypoint 1, joint '{PSM.joints[joint].name}'"):
             arm.require_ranges(0.01 - 1e-6)
+        points[1, joint] = bound + sign * 1e-7
+        with pytest.raises(TrocarError, match="is outside") as refused:
+            ArmMotion(PSM, points, PAPER).require_ranges(0.0)
+        value, low, high = (float(number) for number in re.findall(r"-?\d+\.\d+", str(refused.value)))
+        assert not low <= value <= high, "it reads as outside"
 
 
 def test_a_tip_may_be_as_slow_as_you_like_but_must_move():

@@ -103,6 +103,24 @@ def test_a_script_that_lets_no_time_pass_is_named_in_a_warning(laboratory, monke
     assert "test_watchdog.py, line" in record.getMessage()
 
 
+def test_a_script_is_not_blamed_for_an_image_that_takes_long_to_render(laboratory, monkeypatch, caplog):
+    monkeypatch.setattr(watchdog, "WARNING_S", 0.5)
+    camera = laboratory.cell.cameras["overhead"]
+    image, looked = camera.renderer.image, []
+
+    def slow(*given):
+        begin = time.monotonic()
+        while not caplog.records and time.monotonic() - begin < 3 * watchdog.WARNING_S:
+            time.sleep(0.01)
+        looked.append(image(*given))
+        return looked[-1]
+
+    monkeypatch.setattr(camera.renderer, "image", slow)
+    with caplog.at_level(logging.WARNING, "trocar"):
+        assert laboratory.run(lambda cell: cell.cameras["overhead"].capture(), 1.0)
+    assert len(looked) == 1 and not caplog.records and not camera.rendering
+
+
 def test_a_program_is_not_blamed_for_the_script_that_it_runs(laboratory, monkeypatch, caplog):
     """Such as one that runs a task's agent, whose first plan takes long before time begins to pass."""
     monkeypatch.setattr(watchdog, "WARNING_S", 0.5)

@@ -6,6 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC
+from trocar.errors import UnknownName
 from trocar.geometry import SE3, SO3
 from trocar.sim.record import CollidingPair
 from trocar.sim.spec import Servo
@@ -33,6 +34,19 @@ class Balls(TaskWorld):
 @pytest.fixture
 def world():
     return World({"a": PSM_CLASSIC}, {"a": PLACED}, Balls())
+
+
+def test_a_body_that_is_not_there_is_told_with_those_that_are(world):
+    with pytest.raises(
+        UnknownName, match=r"free body 'bleu' is unknown; did you mean 'blue'\? choose one of red, blue$"
+    ):
+        world.free_pose("bleu")
+    with pytest.raises(UnknownName, match=r"free body 'post' is unknown; choose one of red, blue$"):
+        world.free_pose("post")
+    with pytest.raises(
+        UnknownName, match=r"body 'pots' is unknown; did you mean 'post'\? choose one of .*red, post, blue"
+    ):
+        world.pose("pots")
 
 
 def test_free_bodies_are_known_by_name_and_where_they_are(world):

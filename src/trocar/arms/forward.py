@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trocar.arms.model import ArmModel
+from trocar.checks import outside, small
 from trocar.geometry import SE3
 from trocar.geometry.arrays import Array
 
@@ -99,12 +100,14 @@ def limit_violations(arm: ArmModel, q: ArrayLike) -> list[str]:
     q = arm.configurations(q)
     worst = np.atleast_2d(q).reshape(-1, 6)
     worst = worst[np.argmin(np.minimum(worst - arm.lower, arm.upper - worst), axis=0), range(6)]
-    return [
-        f"joint '{joint.name}' = {value:.4f} {joint.unit} is outside [{joint.lower:.4f}, {joint.upper:.4f}] "
-        f"{joint.unit} by {max(joint.lower - value, value - joint.upper):.4f}"
-        for joint, value in zip(arm.joints, worst.tolist(), strict=True)
-        if not joint.lower <= value <= joint.upper
-    ]
+    found = []
+    for joint, value in zip(arm.joints, worst.tolist(), strict=True):
+        excess = max(joint.lower - value, value - joint.upper)
+        if excess > 0.0:
+            shown, ends = outside(value, joint.lower, joint.upper)
+            out = f"is outside {ends} {joint.unit} by {small(excess)}"
+            found.append(f"joint '{joint.name}' = {shown} {joint.unit} {out}")
+    return found
 
 
 def _steps(arm: ArmModel, q: Array) -> Array:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.arms.forward import fk, jacobian, limit_violations
 from trocar.arms.model import BRANCHES, ArmModel, SolverConstants
+from trocar.checks import small
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, TURN
 from trocar.geometry.arrays import Array, finite
@@ -264,7 +265,7 @@ def _search(arm: ArmModel, pose: NDArray, near: NDArray, name: str = "the pose")
     best = np.argmin(excess.max(-1))
     i = int(np.argmax(excess[best]))
     joint = arm.joints[i]
-    outside = f"{excess[best, i]:.4f} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}"
+    outside = f"{small(excess[best, i])} outside [{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit}"
     why = f"joint '{joint.name}' would be {q[best, i]:.4f} {joint.unit}, {outside}; move or turn the target"
     raise OutOfReach(f"arm '{arm.name}' cannot reach {there}: {why}")
 

@@ -114,13 +114,14 @@ def _mjcf(station: Station, task: str, seed: int) -> str:
     import numpy as np
 
     from trocar.eval import TASKS
+    from trocar.eval.task import draw_world
     from trocar.sim.station_model import station_mjcf  # the simulator is heavy
 
     if not task:
         return station_mjcf(station)
     chosen = TASKS.pick(task)()
     there = chosen.at(station)
-    return station_mjcf(there, chosen.world(chosen.scene(np.random.default_rng(seed), there)))
+    return station_mjcf(there, draw_world(chosen, np.random.default_rng(seed), there))
 
 
 def _values(station: Station) -> dict[str, Any]:

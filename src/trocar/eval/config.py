@@ -16,6 +16,7 @@ from trocar.calibration.excitation import WIDE_ROWS
 from trocar.errors import BadFile, InvalidInput, InvalidValue, UnknownName
 from trocar.eval.method import Method, methods_of, pick_method, pick_perception
 from trocar.eval.task import TASKS, Task, flag_of, option
+from trocar.files.output import jsonable
 from trocar.lab import Station, load_station
 from trocar.lab.flaws import DEFAULT, Difficulty
 from trocar.lab.station_file import station_digest
@@ -358,7 +359,7 @@ def _made_again(task: str, options: dict[str, Any], values: dict[str, Any]) -> R
 
 def fingerprint(about: dict[str, Any]) -> str:
     """Return the digest of the values that distinguish a run from others."""
-    text = json.dumps(about, sort_keys=True, allow_nan=False)
+    text = json.dumps(about, sort_keys=True, allow_nan=False, default=jsonable)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from typing import Any, Protocol
 
@@ -13,7 +13,7 @@ import numpy as np
 from trocar.cell import Cell, Robot
 from trocar.errors import InvalidInput, InvalidValue, UnknownName
 from trocar.eval.objects import Objects
-from trocar.eval.task import Task
+from trocar.eval.task import TASKS, Task
 from trocar.motion.plan import Planner
 from trocar.registry import Lazy, Registry, loaded
 
@@ -27,6 +27,20 @@ class Agent(Protocol):
     async def run(self) -> None:
         """Do the task; return when there is nothing left to do."""
         ...
+
+
+def begun(agent: Agent) -> Awaitable[None]:
+    """Return what is to be awaited for an agent to do its task.
+
+    Raises:
+        InvalidInput: it has no coroutine function ``run``.
+    """
+    run = getattr(agent, "run", None)
+    script = run() if callable(run) else None
+    if not isinstance(script, Awaitable):
+        remedy = "give its class a method `async def run(self)`"
+        raise InvalidInput(f"agent {type(agent).__name__}", "has no coroutine function run", remedy)
+    return script
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +220,18 @@ def _require_method(name: str, method: Any) -> None:
         raise InvalidInput(f"method {name!r}", f"is {method!r}", "register a trocar.eval.Method")
 
 
-def _require_callable(name: str, perception: Any) -> None:
+def _require_place(what: str, name: str) -> None:
+    if not all(name.partition("/")):
+        raise InvalidInput(f"{what} {name!r}", "names no task", f"register it as TASK/{name.strip('/') or 'NAME'}")
+
+
+def _require_method_from_outside(name: str, method: Any) -> None:
+    _require_place("method", name)
+    _require_method(name, method)
+
+
+def _require_perception(name: str, perception: Any) -> None:
+    _require_place("perception", name)
     if not callable(perception):
         raise InvalidInput(f"perception {name!r}", f"is {perception!r}", "register a class")
 
@@ -220,11 +245,11 @@ METHODS: Registry[Method] = Registry(
         "*/person": Lazy("trocar.console.person:PERSON"),
         "*/person-calibrated": Lazy("trocar.console.person:PERSON_CALIBRATED"),
     },
-    check=_require_method,
+    check=_require_method_from_outside,
 )
 """Methods from outside a task, as ``TASK/METHOD``, in addition to the task's own. Those of ``*`` do any task."""
 
-PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions", check=_require_callable)
+PERCEPTIONS: Registry[Any] = Registry("perception", "trocar.perceptions", check=_require_perception)
 """Perceptions from outside a task, as ``TASK/NAME``, in addition to the task's own."""
 
 
@@ -296,5 +321,10 @@ def _names(own: Mapping[str, Any], registry: Registry[Any], task: str) -> tuple[
 def _pick(own: Mapping[str, Any], registry: Registry[Any], name: str, task: str) -> Any:
     names = _names(own, registry, task)
     if name not in names:
+        for other in registry:
+            elsewhere, _, method = other.partition("/")
+            if method == name and elsewhere != "*" and elsewhere not in TASKS:
+                problem = f"is of a task that is not registered, {elsewhere!r}"
+                raise InvalidInput(f"{registry.what} {other!r}", problem, f"register it as '{task}/{name}'")
         raise UnknownName(f"{task} {registry.what}", name, names)
     return loaded(own[name]) if name in own else registry[f"{task}/{name}"]

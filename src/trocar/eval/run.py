@@ -17,7 +17,7 @@ from trocar.calibration.models import CableModel
 from trocar.cell import Cell
 from trocar.errors import TrocarError
 from trocar.eval.config import RunConfig
-from trocar.eval.method import AgentContext, objects_of, pick_perception
+from trocar.eval.method import AgentContext, begun, objects_of, pick_perception
 from trocar.eval.prepare import Prepared
 from trocar.eval.staged import AGENT_ERROR, FAULT, OUT_OF_TIME, End, StagedTrial
 from trocar.eval.trial import Trial
@@ -168,7 +168,7 @@ def play_agent(
     try:
         agent = config.chosen_method.make_agent(context)
         agent = OBSERVED.load()(agent, context) if config.observations else agent
-        in_time = run(lambda cell: agent.run(), budget_s)
+        in_time = run(lambda cell: begun(agent), budget_s)
     except PhysicsError:
         raise
     except (TrocarError, OSError) as error:  # refused by the guard, or a device that does not answer

@@ -16,10 +16,11 @@ from trocar.errors import InvalidInput
 from trocar.eval.config import TRIALS, RunConfig
 from trocar.eval.prepare import Prepared
 from trocar.eval.scenery import Scenery
-from trocar.eval.task import Score, Task
+from trocar.eval.task import Score, Task, draw_world
 from trocar.eval.trial import Trial
 from trocar.lab import SensorFlaws
 from trocar.log import machine_speed
+from trocar.log import plain as plain_value
 from trocar.perception.image import Image as Taken
 from trocar.perception.image import RgbdImage
 from trocar.robots import TICK_S
@@ -97,7 +98,7 @@ class StagedTrial:
         scene_rng, noise_rng, self.agent_rng, shake_rng = map(np.random.default_rng, seeds.spawn(4))
         self.laboratory = SimLaboratory(
             prepared.session,
-            config.task.world(config.task.scene(scene_rng, config.laboratory)),
+            draw_world(config.task, scene_rng, config.laboratory),
             noise_rng,
             flaws=SensorFlaws.none() if config.flawless_camera else None,
             listener=listener,
@@ -169,7 +170,7 @@ def plain(settings: Any) -> Any:
     """Return settings as JSON values."""
     if is_dataclass(settings) and not isinstance(settings, type):
         return {name: plain(value) for name, value in vars(settings).items()}
-    return settings.tolist() if isinstance(settings, np.ndarray) else settings
+    return plain_value(settings)
 
 
 def encoded(cameras: Mapping[str, Photographer]) -> Files:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from trocar.calibration.excitation import MotionBox
+from trocar.checks import takes
 from trocar.errors import InvalidInput, InvalidValue
 from trocar.lab import Station
 from trocar.registry import Lazy, Registry
@@ -50,6 +52,14 @@ def flag_of(field: Field[Any]) -> str:
     return f"--{(field.metadata.get('flag') or field.name).replace('_', '-')}"
 
 
+_SCORED: tuple[tuple[tuple[str, ...], Any, str], ...] = (
+    (("attempted", "succeeded"), bool, "give True or False"),
+    (("failure", "reason"), str, "give a text, which may be empty"),
+    (("start_s", "end_s"), (int, float), "give a finite number of seconds"),
+)
+"""Fields of a score with their kinds, and what to give instead of another."""
+
+
 @dataclass(frozen=True)
 class Score:
     """The outcome of one goal, as the referee saw it.
@@ -61,6 +71,11 @@ class Score:
         reason: explanation in a sentence, or empty.
         start_s: start on the trial's clock.
         end_s: end on the trial's clock.
+
+    NumPy's numbers become Python's, also in the fields of derived classes.
+
+    Raises:
+        InvalidInput: a field is of another kind, or a time is not finite.
     """
 
     attempted: bool
@@ -69,6 +84,18 @@ class Score:
     reason: str
     start_s: float
     end_s: float
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, np.generic | np.ndarray):
+                object.__setattr__(self, one.name, value.tolist())
+        for names, kinds, remedy in _SCORED:
+            for name in names:
+                value = getattr(self, name)
+                sensible = isinstance(value, kinds) and isinstance(value, bool) == (kinds is bool)
+                if not sensible or (isinstance(value, float) and not math.isfinite(value)):
+                    raise InvalidInput(f"{name} of a {type(self).__name__}", f"is {value!r}", remedy)
 
     def __repr__(self) -> str:
         result = "done" if self.succeeded else self.failure or ("failed" if self.attempted else "not attempted")
@@ -201,11 +228,27 @@ def check_budget(budget_s: float) -> None:
         raise InvalidValue("the budget of a trial", f"{budget_s} s", "give a finite time above 0 with --budget")
 
 
+def draw_world(task: Task, rng: np.random.Generator, station: Station) -> TaskWorld:
+    """Return the simulator's side of a scene that is drawn from a generator.
+
+    Raises:
+        InvalidInput: what the task's ``world(scene)`` returns is none.
+    """
+    from trocar.sim.world import TaskWorld  # the simulator is heavy
+
+    world = task.world(task.scene(rng, station))
+    if not isinstance(world, TaskWorld):
+        problem, remedy = f"returns {world!r} from world(scene)", "return a trocar.sim.world.TaskWorld"
+        raise InvalidInput(f"task {task.name!r}", problem, remedy)
+    return world
+
+
 def require_task(name: str, task: Any) -> None:
     """Check that a class has what a run needs from a task.
 
     Raises:
-        InvalidInput: it is not a dataclass derived from ``Task``, or lacks an attribute or a method of its own.
+        InvalidInput: it is not a dataclass derived from ``Task``, lacks an attribute or a method of its own, or has a
+            method that takes other parameters than that of ``Task``.
     """
     if not (isinstance(task, type) and issubclass(task, Task) and is_dataclass(task)):
         raise InvalidInput(
@@ -219,6 +262,14 @@ def require_task(name: str, task: Any) -> None:
     if inherited:
         methods = ", ".join(f"{name}()" for name in inherited)
         raise InvalidInput(f"task {task.__name__}", f"has no {methods}", "give its class these methods")
+    blank = object.__new__(task)  # binds methods, static ones too, without options
+    for method, usual in vars(Task).items():
+        if method.startswith("_") or not inspect.isfunction(usual):
+            continue
+        wanted, own = [*inspect.signature(usual).parameters][1:], getattr(blank, method, None)
+        if not (callable(own) and takes(own, len(wanted))):
+            called = f"cannot be called as {method}({', '.join(wanted)})"
+            raise InvalidInput(f"{method} of task {task.__name__}", called, "give it these parameters")
 
 
 def stopped(events: Sequence[Mapping[str, Any]]) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import threading
 import time
@@ -73,7 +74,7 @@ class Processes:
         if forked:
             context.set_forkserver_preload(list(self.loads))
         pool = ProcessPoolExecutor(
-            self.count, mp_context=context, initializer=_left_alone, max_tasks_per_child=UNITS_A_PROCESS
+            self.count, mp_context=context, initializer=_begin_worker, max_tasks_per_child=UNITS_A_PROCESS
         )
         try:
             yield pool
@@ -95,9 +96,18 @@ def _shut_down(pool: Executor, ended: threading.Event) -> None:
     ended.set()
 
 
-def _left_alone() -> None:
-    """Leave Ctrl-C to the process that hands out the work: a running trial is finished and kept."""
+def _begin_worker() -> None:
+    """Leave Ctrl-C to the process that hands out the work: a running trial is finished and kept; but end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Wait until the process that hands out the work has ended, then end at once: files are written whole or not."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import BadFile, InvalidInput
-from trocar.files.output import mark_zip, writing
+from trocar.files.output import jsonable, mark_zip, writing
 from trocar.files.reading import MAX_BYTES, UNREADABLE, array_of, parsed_json, require_short_list
 
 HEADER = "header.json"
@@ -51,7 +51,7 @@ class Archive:
         path, kind = Path(path), str(self.header["format"])
         with writing(path, kind) as draft:
             with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as file:
-                text = json.dumps(self.header, sort_keys=True, allow_nan=False).encode()
+                text = json.dumps(self.header, sort_keys=True, allow_nan=False, default=jsonable).encode()
                 file.writestr(_member(HEADER), text)
                 for name, array in sorted(self.arrays.items()):
                     buffer = BytesIO()

@@ -20,6 +20,8 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from trocar.errors import BadFile, InvalidInput, MachineError, TrocarError
 
 try:
@@ -218,10 +220,17 @@ def write_text(path: str | Path, text: str, kind: str) -> Path:
     return path
 
 
+def jsonable(value: object) -> Any:
+    """Return a NumPy number or array as JSON can hold it; the ``default`` of ``json.dumps`` (TypeError: it is none)."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{value!r} is no value of JSON")
+
+
 def write_json(path: str | Path, values: Mapping[str, Any], kind: str) -> Path:
     """Write a JSON file, its mark under ``made_by``, and return its path; raises as ``writing`` does."""
     path = Path(path)
-    text = json.dumps({MADE_BY: mark_of(kind), **values}, indent=1, allow_nan=False)
+    text = json.dumps({MADE_BY: mark_of(kind), **values}, indent=1, allow_nan=False, default=jsonable)
     with writing(path, kind) as draft:
         draft.write_text(text + "\n", encoding="utf-8")
     return path

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import SOLIDS, capsules, fk, ik
+from trocar.checks import outside
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry import SE3, SO3, TURN, shown
 from trocar.geometry.arrays import Array
@@ -83,12 +84,11 @@ def _jaws(name: str, arm: StationArm) -> list[str]:
 
 
 def _outside(name: str, arm: StationArm, q: Array) -> list[str]:
-    found = [
-        f"arm {name!r} rests with joint {joint.name!r} at {value:.4f} {joint.unit}, outside "
-        f"[{joint.lower:.4f}, {joint.upper:.4f}]"
-        for joint, value in zip(arm.model.joints, q.tolist(), strict=True)
-        if not joint.lower <= value <= joint.upper
-    ]
+    found = []
+    for joint, value in zip(arm.model.joints, q.tolist(), strict=True):
+        if not joint.lower <= value <= joint.upper:
+            at, ends = outside(value, joint.lower, joint.upper)
+            found.append(f"arm {name!r} rests with joint {joint.name!r} at {at} {joint.unit}, outside {ends}")
     if found or arm.workspace_m is None:
         return found
     tip = (arm.T_world_base @ fk(arm.model, q)).translation_m

@@ -121,6 +121,8 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         if reward not in REWARDS:
             raise UnknownName("reward", reward, REWARDS)
         require_actions(action, rate_hz)  # before cables are fitted
+        if not isinstance(calibrated, bool | np.bool_):
+            raise InvalidValue("calibrated", repr(calibrated), "give True or False")
         if calibration and not calibrated:
             raise InvalidInput(f"calibration {calibration!r}", "fits no model", "drop it, or give calibrated=True")
         kind = TASKS.pick(task)
@@ -198,8 +200,8 @@ class CellEnv(gymnasium.Env[dict[str, NDArray[Any]], NDArray[np.float32]]):
         if wanted:
             raise UnknownName("option of reset()", next(iter(wanted)), ("session", "trial"))
         for name, value, most in (("session", session, self.config.sessions), ("trial", index, MAX_INDEX)):
-            if not (isinstance(value, int | np.integer) and 0 <= value < most):
-                raise InvalidValue(f"the {name} of reset()", value, f"give 0 to {most - 1}")
+            if isinstance(value, bool) or not (isinstance(value, int | np.integer) and 0 <= value < most):
+                raise InvalidValue(f"the {name} of reset()", repr(value), f"give a whole number from 0 to {most - 1}")
         self._set_up(session, index)
         self._scored_s, self._reached, self._over = 0.0, 0, False
         self._scores: list[dict[str, Any]] = []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.cell import Cell
 from trocar.errors import InvalidInput, UnknownName
-from trocar.eval.method import Agent, AgentContext
+from trocar.eval.method import Agent, AgentContext, begun
 from trocar.eval.objects import Objects
 from trocar.learn.control import ABSOLUTE, IMAGES, OBJECTS, STATE, Control, Eyes
 
@@ -89,7 +89,7 @@ class Observed:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._observation.watch, self._cell)
             nursery.start_soon(self._note)
-            await self._agent.run()
+            await begun(self._agent)
             nursery.cancel_scope.cancel()
 
     async def _note(self) -> None:

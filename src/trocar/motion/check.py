@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 
 from trocar.arms import fk
+from trocar.checks import small
 from trocar.errors import InvalidInput, LimitExceeded, MotionRefused, NoPlan, OutOfReach, TooNear
 from trocar.geometry import SE3, SO3, shown
 from trocar.geometry.arrays import Array
@@ -118,7 +119,7 @@ def _limits(name: str, arm: ArmMotion, use: LimitUse, range_slack: float) -> Ite
     for joint, excess in zip(arm.model.joints, use.range_excess, strict=True):
         if excess > range_slack * (joint.upper - joint.lower) + ROUNDED:
             sentence = (
-                f"joint '{joint.name}' of '{name}' goes {excess:.4f} {joint.unit} out of its range "
+                f"joint '{joint.name}' of '{name}' goes {small(excess)} {joint.unit} out of its range "
                 f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints"
             )
             yield Violation(Demand.RANGES, OutOfReach(sentence, arm=name, joint=joint.name, by=float(excess)))

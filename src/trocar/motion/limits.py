@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel, MotionLimits
+from trocar.checks import small
 from trocar.errors import InvalidInput, OutOfReach
 from trocar.geometry.arrays import Array
 from trocar.trajectory import Trajectory
@@ -100,7 +101,7 @@ def require_range(arm: ArmModel, use: LimitUse) -> None:
     for joint, excess in zip(arm.joints, use.range_excess, strict=True):
         if excess > 0.0:
             sentence = (
-                f"the planned motion takes joint '{joint.name}' {excess:.4f} {joint.unit} out of its range "
+                f"the planned motion takes joint '{joint.name}' {small(excess)} {joint.unit} out of its range "
                 f"[{joint.lower:.4f}, {joint.upper:.4f}] between the waypoints; move the waypoints inwards"
             )
             raise OutOfReach(sentence, arm=arm.name, joint=joint.name, by=float(excess))

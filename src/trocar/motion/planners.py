@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import reduce
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from trocar.checks import takes
 from trocar.errors import InvalidInput
 from trocar.geometry.arrays import Array, finite
 from trocar.motion.problem import MotionProblem
@@ -54,6 +55,12 @@ It gets a checked problem with joint waypoints only. Its answers are not trusted
 checks them, so the planner need not.
 """
 
+
+def _require_planner(name: str, planner: Any) -> None:
+    if not (callable(planner) and takes(planner, 1)):
+        raise InvalidInput(f"planner {name!r}", f"is {planner!r}", "register a function of a MotionProblem")
+
+
 PLANNERS: Registry[Planner] = Registry(
     "planner",
     "trocar.planners",
@@ -63,6 +70,7 @@ PLANNERS: Registry[Planner] = Registry(
         "optimal": Lazy("trocar.motion.optimal:optimal"),
         "convex": Lazy("trocar.motion.convex:convex"),
     },
+    check=_require_planner,
 )
 """Every planner; other packages add theirs as entry points ``trocar.planners``, files by ``PLANNERS.register``."""
 

@@ -10,6 +10,7 @@ from math import inf, pi
 import numpy as np
 
 from trocar.arms import ArmModel, MotionLimits, ik
+from trocar.checks import decimals, outside
 from trocar.errors import AlreadyThere, InvalidInput, OutOfReach, TrocarError
 from trocar.geometry import SE3, direction, shown
 from trocar.geometry.arrays import Array, finite, numbers
@@ -149,9 +150,10 @@ class ArmMotion:
             for joint, value in zip(self.model.joints, point, strict=True):
                 beyond = slack * (joint.upper - joint.lower)
                 if not joint.lower - beyond <= value <= joint.upper + beyond:
-                    where = f"waypoint {index}, joint '{joint.name}' = {value:.4f} {joint.unit}"
-                    ends = f"[{joint.lower:.4f}, {joint.upper:.4f}] {joint.unit} of {self.model.name}"
-                    raise InvalidInput(where, f"is outside {ends}", "move it inside")
+                    shown, ends = outside(float(value), joint.lower, joint.upper)
+                    where = f"waypoint {index}, joint '{joint.name}' = {shown} {joint.unit}"
+                    problem = f"is outside {ends} {joint.unit} of {self.model.name}"
+                    raise InvalidInput(where, problem, "move it inside")
 
     @property
     def _goals(self) -> int:
@@ -166,7 +168,8 @@ class ArmMotion:
         velocity = finite(f"the start velocity of {self.model.name}", self.start_velocity, JOINTS)
         for joint, value, most in zip(self.model.joints, velocity, self.limits.velocity, strict=True):
             if abs(value) > KEPT * most:
-                problem = f"starts with {value:.4f} {joint.unit}/s, beyond its limit of {most:.4f}"
+                n = decimals(abs(value), most)
+                problem = f"starts with {value:.{n}f} {joint.unit}/s, beyond its limit of {most:.{n}f}"
                 raise InvalidInput(f"joint '{joint.name}'", problem, "raise the limit or slow down first")
         return velocity
 

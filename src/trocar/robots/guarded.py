@@ -11,6 +11,7 @@ import numpy as np
 
 from trocar.arms import ArmModel, MotionLimits, fk
 from trocar.cell import JointReading, MotionResult, Robot, SetPoint
+from trocar.checks import outside
 from trocar.errors import (
     ArmMoving,
     InvalidInput,
@@ -166,8 +167,9 @@ class Guarded:
         """Drive the jaws to an opening within their range."""
         jaw = self._guard(arm).model.jaw
         if not (math.isfinite(angle_rad) and jaw.lower <= angle_rad <= jaw.upper):
+            angle, ends = outside(angle_rad, jaw.lower, jaw.upper)
             raise OutOfReach(
-                f"jaw angle {angle_rad} rad is outside [{jaw.lower:.4f}, {jaw.upper:.4f}] of arm {arm!r}",
+                f"jaw angle {angle} rad is outside {ends} of arm {arm!r}",
                 arm=arm,
                 joint=jaw.name,
                 by=max(jaw.lower - angle_rad, angle_rad - jaw.upper),

@@ -85,12 +85,14 @@ class SimCamera:
         rng: random numbers for its noise.
         model: its lens or lenses as registered.
         taken: all images that it took without a window.
+        rendering: whether it renders one now.
     """
 
     def __init__(self, world: World, renderer: CameraRenderer, exposure_s: float, rng: np.random.Generator):
         self._world, self.renderer, self.exposure_s, self.rng = world, renderer, exposure_s, rng
         self.model = renderer.model
         self.taken: list[Image] = []
+        self.rendering = False
         # A projector lights one exposure at a time; a pair of lenses streams, and exposures may overlap.
         self._exposures = trio.Lock() if isinstance(self.model, Intrinsics) else nullcontext()
 
@@ -99,7 +101,11 @@ class SimCamera:
         read_out(self.model, window)  # raises before any time passes
         async with self._exposures:
             await trio.sleep(self.exposure_s)
-        image = self.renderer.image(self._world.data, self.rng, window)
+        self.rendering = True
+        try:
+            image = self.renderer.image(self._world.data, self.rng, window)
+        finally:
+            self.rendering = False
         if window is None:
             self.taken.append(image)
         return image

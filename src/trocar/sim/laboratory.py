@@ -173,7 +173,7 @@ class SimLaboratory:
         """
         clock, ended = MockClock(), False
         repeat_scheduling()
-        with Watchdog(self.now_s, lambda: self._nursery is not None and not self._turning) as self._watchdog:
+        with Watchdog(self.now_s, self._in_script) as self._watchdog:
             try:
                 ended = trio.run(self._run, script, budget_s, pace, clock, clock=clock)
             except BaseException as error:
@@ -183,6 +183,11 @@ class SimLaboratory:
             where = self._watchdog.where
             raise KeyboardInterrupt(*([f"stopped in {where}, which let no time pass"] if where else []))
         return ended
+
+    def _in_script(self) -> bool:
+        """Return whether a script runs now, rather than the physics, a camera or the braking of the arms."""
+        rendering = any(camera.rendering for camera in self.cameras.values())
+        return self._nursery is not None and not self._turning and not rendering
 
     def stepping(self, script: Script | None = None, budget_s: float = float("inf")) -> Stepping:
         """Return a context manager that steps the cell from outside."""

@@ -36,7 +36,8 @@ class Watchdog:
 
     Args:
         now_s: returns the time of the cell's clock.
-        in_script: returns whether a script runs now, rather than the physics or the braking of the arms.
+        in_script: returns whether a script runs now, rather than the physics, a camera's rendering or the braking of
+            the arms.
 
     Attributes:
         asked: whether Ctrl-C was pressed.
@@ -77,7 +78,7 @@ class Watchdog:
             if self._now_s() != last_s:
                 idle_s, last_s, told = 0.0, self._now_s(), False
                 continue
-            idle_s += LOOK_S
+            idle_s += LOOK_S if self._in_script() else 0.0
             if self.asked and idle_s >= PATIENCE_S:
                 _thread.interrupt_main()  # calls the handler again, in the main thread
             elif idle_s >= WARNING_S and not told and self._in_script():

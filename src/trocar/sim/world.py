@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.arms import ArmModel
-from trocar.errors import TrocarError
+from trocar.errors import TrocarError, UnknownName
 from trocar.geometry import SE3, SO3
 from trocar.geometry.arrays import Array
 from trocar.perception.fiducials import Fixture
@@ -214,12 +214,16 @@ class World:
         return self.data.qpos[self._free_qpos]
 
     def pose(self, body: str) -> SE3:
-        """Return the true pose of a body in the world, as of the last step."""
-        index = self.model.body(body).id
+        """Return the true pose of a body in the world, as of the last step (UnknownName: there is none)."""
+        index = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, body)
+        if index < 0:
+            raise UnknownName("body", body, [self.model.body(b).name for b in range(1, self.model.nbody)])
         return SE3.from_parts(SO3.unchecked(self.data.xmat[index].reshape(3, 3)), self.data.xpos[index])
 
     def free_pose(self, body: str) -> SE3:
-        """Return the true pose of a free body in the world, now."""
+        """Return the true pose of a free body in the world, now (UnknownName: there is none)."""
+        if body not in self.free_bodies:
+            raise UnknownName("free body", body, self.free_bodies)
         row = self.free_poses()[self.free_bodies.index(body)]
         return SE3.from_parts(SO3.from_quaternion(row[3:]), row[:3])
 

@@ -20,7 +20,7 @@ from trocar.eval.config import RunConfig
 from trocar.eval.method import METHODS
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
-from trocar.eval.task import flag_of
+from trocar.eval.task import draw_world, flag_of
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.lab import SensorFlaws, Station, check_station, load_station
@@ -242,7 +242,7 @@ def _laboratory(kind: type[Task]) -> SimLaboratory:
     task = kind()
     station = _station_of(task)
     rng = np.random.default_rng(3)
-    world = task.world(task.scene(rng, station))
+    world = draw_world(task, rng, station)
     return SimLaboratory(draw_session(station, rng), world, rng, flaws=SensorFlaws.none())
 
 

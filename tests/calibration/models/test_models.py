@@ -7,7 +7,7 @@ from trocar.calibration.evaluation import refit_ends, refit_offset
 from trocar.calibration.models import MODELS
 from trocar.calibration.recording import Recording, load_recording
 from trocar.calibration.study import LIMITS_RAD
-from trocar.errors import TrocarError
+from trocar.errors import InvalidInput, TrocarError
 from trocar.testing import check_cable_model
 from walks import walk
 
@@ -20,6 +20,29 @@ def test_a_model_does_what_outsiders_are_told_that_a_cable_model_does(name, fitt
 @pytest.mark.parametrize("name", MODELS)
 def test_a_model_shows_itself_in_a_line(name, fitted):
     assert f"cable model {name!r}, fitted on 200 rows" in repr(fitted[name])
+
+
+class Stiff:
+    """A model without what is called later."""
+
+    name = "stiff"
+
+    @classmethod
+    def fit(cls, recording, rng): ...
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "words"),
+    [
+        ("stiff", None, "cable model 'stiff' is None; register a class with what a CableModel has"),
+        ("stiff", Stiff(), "cable model 'stiff' is .*; register a class"),
+        ("stiff", Stiff, "has no predict, start, step, shifted, arrays, from_arrays, rate_independent; give its class"),
+        ("mine", MODELS["play"], "cable model 'mine' has the name 'play'; register it as 'play'"),
+    ],
+)
+def test_what_is_no_cable_model_is_refused_when_it_is_registered(registries, name, model, words):
+    with pytest.raises(InvalidInput, match=words):
+        MODELS.register(name, model)
 
 
 def last_fifth(recordings, name):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,10 +28,27 @@ __all__ = [
     "save_model",
 ]
 
+CALLED = ("fit", "predict", "start", "step", "shifted", "arrays", "from_arrays")
+"""Methods of a cable model."""
+
+
+def _require_model(name: str, model: Any) -> None:
+    if not isinstance(model, type):
+        raise InvalidInput(f"cable model {name!r}", f"is {model!r}", "register a class with what a CableModel has")
+    missing = [one for one in CALLED if not callable(getattr(model, one, None))]
+    missing += [one for one in ("name", "rate_independent") if not hasattr(model, one)]
+    if missing:
+        problem = f"has no {', '.join(missing)}"
+        raise InvalidInput(f"cable model {name!r}", problem, "give its class what a CableModel has")
+    if model.name != name:  # files hold the class's own name
+        raise InvalidInput(f"cable model {name!r}", f"has the name {model.name!r}", f"register it as {model.name!r}")
+
+
 MODELS: Registry[type[CableModel]] = Registry(
     "cable model",
     "trocar.cable_models",
     {model.name: model for model in (OffsetModel, RidgeModel, LstmModel, PlayModel)},
+    check=_require_model,
 )
 """Every cable model by its name on the command line."""
 
