@@ -14,7 +14,7 @@ from trocar.errors import InvalidInput, OutOfReach, TooNear, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
-from trocar.motion import rest_to_rest
+from trocar.motion import rest_to_rest, swept_clearance
 from trocar.robots import ArmGuard, Guarded
 from trocar.trajectory import Trajectory
 
@@ -288,6 +288,37 @@ def test_the_faster_of_two_motions_is_named_and_one_that_takes_over_slows_none_d
     arms.run(script)
     ((_, values),) = notes
     assert values["arm"] == "b" and values["stretch"] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_arms_known_to_be_apart_are_still_refused_when_they_would_meet():
+    """The guard remembers where both arms were far apart; neither's later motion may make that proof stale."""
+    arms, _ = pair(0.05, -0.05)
+
+    async def script():
+        assert (await arms.robot.move(to("a", 0.05, 0.045)))["a"].done
+        with pytest.raises(TrocarError, match="comes within"):
+            await arms.robot.move(to("a", 0.045, -0.05))
+        assert (await arms.robot.move(to("b", -0.05, 0.01)))["b"].done
+        with pytest.raises(TrocarError, match="comes within"):
+            await arms.robot.move(to("a", 0.045, 0.005))
+        assert (await arms.robot.move(to("a", 0.045, 0.05)))["a"].done
+
+    arms.run(script)
+
+
+def test_a_stream_of_short_motions_far_from_the_other_arm_measures_the_distance_once(monkeypatch):
+    arms, _ = pair(0.05, -0.05)
+    asked = []
+    monkeypatch.setattr(
+        "trocar.robots.guarded.swept_clearance", lambda *args, **more: asked.append(1) or swept_clearance(*args, **more)
+    )
+
+    async def script():
+        for k in range(5):
+            assert (await arms.robot.move(to("a", 0.05 + 1e-3 * k, 0.05 + 1e-3 * (k + 1))))["a"].done
+
+    arms.run(script)
+    assert len(asked) == 1
 
 
 def test_a_motion_is_looked_at_beside_what_the_other_arm_is_doing():

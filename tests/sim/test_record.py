@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from trocar.arms import PSM_CLASSIC, fk
 from trocar.geometry import SE3, SO3
-from trocar.sim.record import CollidingPair, ContactMonitor, Recorder, fixed_poses, solids_of
+from trocar.sim.record import FIRST_ROWS, CollidingPair, ContactMonitor, Recorder, fixed_poses, solids_of
 from trocar.sim.world import TaskWorld, World
 
 PLACED = SE3.from_parts(SO3.exp([0.1, 0.2, 0.3]), [0.3, 0.0, 0.2])
@@ -65,6 +65,28 @@ def test_every_tick_has_joints_jaws_bodies_and_tips(world):
     assert_allclose(record.T_world_tip["a"].matrix, (PLACED @ fk(PSM_CLASSIC, np.array(true)[:, :6])).matrix)
     for kind, by, jaw_rad in (("desired", 0.0, 0.25), ("commanded", 0.01, 0.25), ("measured", 0.02, 0.32)):
         assert_allclose(recorder.joints(kind)["a"], [np.append(PSM_CLASSIC.middle + by, jaw_rad)] * 3)
+
+
+def test_a_record_grows_and_what_was_read_of_it_stays(world):
+    robot = SimpleNamespace(read=lambda name: rest, setpoint=lambda name: rest)
+    rest = SimpleNamespace(q=PSM_CLASSIC.middle, jaw_rad=0.3)
+    looked, alone = (Recorder(world, robot, lambda name: 0.3) for _ in range(2))
+    ticks, early = 2 * FIRST_ROWS + 3, {}
+    for tick in range(ticks):
+        world.data.qpos[world._free_qpos[0]] = [0.001 * tick, 0, 0, 1, 0, 0, 0]
+        world.place_arm("a", PSM_CLASSIC.middle + 1e-5 * tick, 0.2)
+        looked.observe(0.01 * tick), alone.observe(0.01 * tick)
+        if tick in (0, FIRST_ROWS - 1, FIRST_ROWS, ticks - 2):
+            early[tick] = looked.record(())
+    once, often = alone.record(()), looked.record(())
+    for record, rows in ((often, ticks), *((record, tick + 1) for tick, record in early.items())):
+        for name, poses in (*record.T_world_body.items(), *record.T_world_tip.items()):
+            whole = (once.T_world_body | once.T_world_tip)[name].matrix
+            assert np.array_equal(poses.matrix, whole[:rows])
+        assert np.array_equal(record.times_s, 0.01 * np.arange(rows))
+        assert np.array_equal(record.joints["a"], once.joints["a"][:rows])
+    with pytest.raises(ValueError, match="read-only"):
+        often.times_s[0] = 1.0
 
 
 def test_everything_that_is_seen_is_a_solid_of_its_size_but_planes(world):

@@ -274,7 +274,7 @@ def greatest_accelerations(arm: MovingArm, begin_s: Array, end_s: Array) -> Arra
 
 
 def greatest_displacement_m(arm: MovingArm, q: Array) -> float:
-    """Return a bound on how far any point of the instrument's axes is, at any time, from its place at joints ``q`` (6,).
+    """Return a bound on how far any point of the capsules' axes is, at any time, from its place at joints ``q`` (6,).
 
     Turned from ``q`` one after the other, each joint takes a point along an arc: its angle times the distance from the
     joint's axis, for which ``_levers`` gives a bound.
