@@ -13,7 +13,7 @@ from trocar.geometry import SE3
 from trocar.log import CellLog
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.allocation import Allocation
-from trocar.tasks.debridement.agents.debrider import CLEAR_M, FRESH_S, RECEPTACLE, TOO_MANY, Debrider, run_all
+from trocar.tasks.debridement.agents.debrider import CLEAR_M, FRESH_S, LOOK_S, RECEPTACLE, TOO_MANY, Debrider, run_all
 from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.observer import CameraFrozen, Observation
 from trocar.tasks.debridement.agents.raven_arm import WAYS
@@ -209,7 +209,7 @@ def test_an_arm_whose_fragment_was_freed_while_it_went_home_looks_again_at_once(
     near = (LEFT_M[0] - 0.02, LEFT_M[1])
 
     async def script(stage):
-        stage.arms["right"].takes_s = {"go": 2.2, "look": 0.5}
+        stage.arms["right"].takes_s = {"search": 1.1, "go": 2.2, "look": 0.5}
         await stage.run("left", "right")
         assert stage.outcomes() == ["DONE", "DONE"]
         taken = {name: [a for a in arm.did if a[0] == "reach"] for name, arm in stage.arms.items()}
@@ -363,6 +363,51 @@ def test_what_clings_is_shaken_off_in_all_ways_there_are(clinging, outcome):
         assert [number for name, *number in arm.did if name == "shed"] == [[n] for n in range(min(clinging, WAYS))]
 
     played(script, [lying(LEFT_M)])
+
+
+def test_an_arm_sets_out_for_the_next_fragment_before_it_is_known_that_the_last_one_fell():
+    async def script(stage):
+        arm, began_s = stage.arms["left"], []
+
+        async def reach(grasp):
+            began_s.append(trio.current_time())
+            await Arm.reach(arm, grasp)
+
+        arm.reach, arm.takes_s = reach, {"jaw": 1.5, "look": 0.1}
+        await stage.run("left")
+        done = [event for event in stage.log.events if event["name"] == "fragment"]
+        assert [event["outcome"] for event in done] == ["DONE", "DONE"] and not stage.lying
+        released_s = next(event["time_s"] for event in stage.log.events if event["name"] == "releasing")
+        assert began_s[1] == pytest.approx(released_s + LOOK_S + 0.1)
+        assert done[0]["time_s"] == pytest.approx(released_s + 1.5) and done[0]["start_s"] == pytest.approx(began_s[0])
+        assert done[1]["start_s"] == pytest.approx(began_s[1])
+
+    played(script, [lying(LEFT_M), lying(RIGHT_M)])
+
+
+def test_a_fragment_seen_to_cling_on_the_way_to_the_next_one_is_shaken_off_first():
+    async def script(stage):
+        arm = stage.arms["left"]
+        arm.clinging, arm.takes_s = 2, {"look": 0.1, "reach": 3.0}
+        await stage.run("left")
+        assert stage.outcomes() == ["DONE", "DONE"] and stage.allocation.cleared == 2
+        acts = [(name, *what) for name, *what in arm.did if name in ("reach", "shed", "jaw")]
+        parted = ("jaw", best().open_rad)
+        assert acts == [("reach", 0), parted, ("reach", 0), ("shed", 0), ("shed", 1), ("reach", 0), parted]
+        done = [event for event in stage.log.events if event["name"] == "fragment"]
+        assert done[1]["start_s"] == done[0]["time_s"] and ("look",) in arm.did[arm.did.index(("shed", 1)) :]
+
+    played(script, [lying(LEFT_M), lying(RIGHT_M)])
+
+
+def test_jaws_that_stop_while_they_part_stop_the_arm_on_its_way_to_the_next_fragment():
+    async def script(stage):
+        arm = stage.arms["left"]
+        arm.fails, arm.takes_s = {"jaw": [ArmStopped("left", "left does not answer")]}, {"look": 0.1}
+        await stage.run("left")
+        assert stage.outcomes() == ["ARM_STOPPED"] and arm.did[-1] == ("reach", 0)
+
+    played(script, [lying(LEFT_M), lying(RIGHT_M)])
 
 
 def test_an_arm_that_stops_keeps_its_place_and_the_other_one_goes_on():

@@ -12,6 +12,7 @@ from trio.testing import MockClock
 
 from debridement_stage import Eyes, play
 from trocar.arms import fk
+from trocar.cell import MotionEnd
 from trocar.errors import ArmStopped, NoPlan, TooNear, TrocarError
 from trocar.geometry import SE3, SO3
 from trocar.lab import load_station
@@ -141,22 +142,26 @@ def test_an_arm_that_was_stopped_on_its_way_down_or_finds_no_such_path_first_goe
     assert approached(no_way, above) == [(LOW.tolist(), 1), (above, 0)]
 
 
-def test_jaws_that_stop_because_the_arm_plans_again_go_on():
+def test_jaws_that_stop_because_the_arm_plans_again_go_on_and_those_that_get_another_goal_do_not():
     arm, _ = raven_arm(HIGH, [])
     arm.model = STATION.arms["left"].model
     arm.robot.read = lambda _: SimpleNamespace(jaw_rad=0.2)
-    ends = [StepEnded("left"), StepEnded("left"), None]
+    held, done = MotionEnd.HELD, MotionEnd.DONE
+    ends = [(held, StepEnded("left")), (held, StepEnded("left")), (done, None)]
     asked = []
 
     async def jaw(_, angle_rad):
         asked.append(angle_rad)
-        cause = ends.pop(0)
-        return SimpleNamespace(done=cause is None, cause=cause, reason=str(cause))
+        ended, cause = ends.pop(0)
+        return SimpleNamespace(done=ended is done, ended=ended, cause=cause, reason=str(cause))
 
     arm.cell.robot = SimpleNamespace(jaw=jaw)
     trio.run(arm.jaw, 1.2, clock=MockClock(autojump_threshold=0))
     assert asked == [1.2] * 3
-    ends[:] = [TrocarError("the jaws do not answer")]
+    ends[:] = [(MotionEnd.REPLACED, TrocarError("the jaws were given another target"))]
+    trio.run(arm.jaw, 1.2, clock=MockClock(autojump_threshold=0))
+    assert not ends, "another opening took over: the arm's own next one"
+    ends[:] = [(MotionEnd.FAULT, TrocarError("the jaws do not answer"))]
     with pytest.raises(ArmStopped, match="do not answer"):
         trio.run(arm.jaw, 1.2, clock=MockClock(autojump_threshold=0))
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import trio
 
 from trocar.cell import GoalOffer
-from trocar.errors import ArmStopped
+from trocar.errors import ArmStopped, TrocarError
 from trocar.geometry import SE3
-from trocar.robots.concurrency import together
+from trocar.robots.concurrency import Pending, together
 from trocar.tasks.debridement.agents.allocation import Allocation, Failure
 from trocar.tasks.debridement.agents.motions import NoMotion
 from trocar.tasks.debridement.agents.observer import CameraFrozen, Observation
@@ -44,6 +45,10 @@ class NothingHeld(Exception):
     """The jaws closed on nothing, or lost the fragment."""
 
 
+class Clings(Exception):
+    """The last fragment hangs from the open jaws, which are on their way to the next one."""
+
+
 class Debrider:
     """The script of one arm, with its actions and the allocation that all arms share."""
 
@@ -53,11 +58,15 @@ class Debrider:
         self.cell, self.name, self.s = arm.cell, arm.name, arm.s
         self._began_s, self._in_a_row, self._changes = 0.0, 0, 0
         self._is_home = self._looked_again = self._has_arrived = False
-        self._clings = False  # whether the fragment was seen at the open jaws
+        self._parted: Pending[bool | TrocarError] = (
+            Pending()
+        )  # whether the last fragment clings, or why that is unknown
+        self._released_of_s = 0.0  # when the handling of that fragment began
         self._look: tuple[float, int, Observation] | None = None  # when, how many had been taken, and what it showed
 
-    async def run(self) -> None:
+    async def run(self, helpers: trio.Nursery) -> None:
         """Clear fragments until there are none, or none within reach."""
+        self._helpers = helpers
         self.allocation.busy.add(self.name)
         try:
             observed = await self.arm.come_into_sight()
@@ -82,24 +91,36 @@ class Debrider:
         """Clear one fragment, or wait for one; return whether there may be more."""
         if self._in_a_row >= TOO_MANY:
             return False
-        if self.allocation.cleared >= self.allocation.goals and await self._all_cleared():
-            return False
+        if self.allocation.cleared >= self.allocation.goals:
+            await self._confirm_release()
+            if await self._all_cleared():
+                return False
         self._began_s = self.cell.clock.now_s()
         found = await self._allocated()
         if found is None:
+            await self._confirm_release()
             return await self._wait()
         fragment, grasp = found
         try:
             outcome, reason = await self._clear(fragment, grasp)
+        except Clings:
+            self.allocation.claim(self.name, None)
+            await self._confirm_release()
+            return True
         except NoMotion as error:
             outcome, reason = FragmentOutcome.BLOCKED, str(error)
             await self.arm.jaw(self.s.open_rad)
             await self._aside(self.places.hold(self.arm.side, self.arm.turn_rad))
         self._in_a_row = 0 if outcome is FragmentOutcome.DONE else self._in_a_row + 1
-        if outcome is not FragmentOutcome.DONE:
+        if outcome is FragmentOutcome.DONE:
+            self.allocation.cleared += 1  # unless it clings: see `_confirm_release`
+            self._released_of_s = self._began_s
+            if not self.s.flows:
+                await self._confirm_release()
+        else:
             blocked = outcome is FragmentOutcome.BLOCKED
             self.allocation.failures.append(Failure(self.name, fragment.p_world_m, self.cell.clock.now_s(), blocked))
-        self.note(outcome, reason)
+            self.note(outcome, reason)
         self.allocation.claim(self.name, None)
         return True
 
@@ -124,6 +145,7 @@ class Debrider:
         observed = await self._observed()
         tips = [self.arm.robot.T_world_tip(name).translation_m for name in self.cell.arms]
         if self.allocation.full(observed.fragments, tips):
+            await self._confirm_release()
             raise GiveUp(FragmentOutcome.RECEPTACLE_FULL, "fragments stand out of the receptacle; empty it")
         loose = [*self.allocation.loose(observed.fragments), *self.allocation.loose(observed.hidden)]
         now_s, untried, s = self.cell.clock.now_s(), loose, self.s
@@ -192,7 +214,7 @@ class Debrider:
     async def _clear(self, fragment: SeenFragment, grasp: Grasp) -> tuple[FragmentOutcome, str]:
         """Take a fragment and bring it into the receptacle; return how that ended."""
         self._is_home = self._looked_again = False
-        await self.arm.reach(grasp)
+        await together(self._require_released, partial(self.arm.reach, grasp))
         try:
             if self.s.flows:
                 lift_and_bring = partial(self._lift_and_bring, fragment, grasp)
@@ -205,7 +227,8 @@ class Debrider:
                 await self._check()
                 await self._bring()
                 await self._open(self.s.open_rad)
-            return await self._let_go()
+                self._parted.put(False)  # the paper's program did not look
+            return FragmentOutcome.DONE, ""
         except NothingHeld:
             await self.arm.jaw(grasp.open_rad)
             return FragmentOutcome.GRASP_FAILURE, "no fragment was seen in the jaws after they closed"
@@ -238,7 +261,10 @@ class Debrider:
         await self._check()
         while not (self._has_arrived or self._is_over()):
             await self.cell.clock.sleep(SHORT_S)
-        await together(self._part, self._look_ahead)
+        self._parted.start(self._helpers, self._part)
+        await self._look_ahead()
+        if self.s.token:  # which is returned once the jaws have parted
+            self._parted.put(await self._parted.take())
 
     async def _risen_to(self, height_m: float) -> None:
         """Wait until the tip is this high in the world, or where the jaws open."""
@@ -263,10 +289,39 @@ class Debrider:
         """Keep what a look showed for the choice of the next fragment."""
         self._look = self.cell.clock.now_s(), self.arm.observer.memory.taken, observed
 
-    async def _part(self) -> None:
-        """Part the jaws over the receptacle, and look whether the fragment clings to them."""
-        await self._open(min(self.arm.robot.read(self.name).jaw_rad + PARTED_RAD, self.s.open_rad))
-        self._clings = await self.arm.observer.clings(self.name)
+    async def _part(self) -> bool | TrocarError:
+        """Part the jaws over the receptacle; return whether the fragment is then seen to cling to them.
+
+        Meanwhile the arm may set out for the next one, which opens the jaws further.
+        """
+        try:
+            await self._open(min(self.arm.robot.read(self.name).jaw_rad + PARTED_RAD, self.s.open_rad))
+            return await self.arm.observer.clings(self.name)
+        except TrocarError as error:  # raised again by whoever takes the answer
+            return error
+
+    async def _released(self) -> bool | None:
+        """Return whether the last fragment has left the jaws, once that is known; None if it was noted before."""
+        clings = await self._parted.take()
+        if isinstance(clings, TrocarError):
+            raise clings
+        if clings is False:
+            self.note(FragmentOutcome.DONE, "", self._released_of_s)
+        return None if clings is None else not clings
+
+    async def _require_released(self) -> None:
+        """Raise Clings if the last fragment hangs from the jaws."""
+        if await self._released() is False:
+            self._parted.put(True)
+            raise Clings
+
+    async def _confirm_release(self) -> None:
+        """Wait until it is known whether the last fragment has left the jaws; shake it off if not."""
+        if await self._released() is False:
+            self.allocation.cleared -= 1
+            await self._shake_off()
+            self.allocation.cleared += 1
+            self.note(FragmentOutcome.DONE, "", self._released_of_s)
 
     async def _bring(self, lift_m: float = 0.0) -> None:
         """Go over the receptacle, first straight up by this height; with a token, wait beside it until it is free."""
@@ -284,18 +339,17 @@ class Debrider:
         self.cell.log.event("releasing", arm=self.name)
         await self.arm.jaw(angle_rad)
 
-    async def _let_go(self) -> tuple[FragmentOutcome, str]:
+    async def _shake_off(self) -> None:
         """Shake off what clings to the open jaws."""
-        clings = self._clings and await self.arm.observer.clings(self.name)  # it may have hung there for a moment
+        clings = await self.arm.observer.clings(self.name)  # it may have hung there for a moment
         for number in range(WAYS):
             if not clings:
-                break
+                return
             await self.arm.shed(number)
             clings = await self.arm.observer.clings(self.name)
-        if not clings:
-            self.allocation.cleared += 1
-            return FragmentOutcome.DONE, ""
-        raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
+        if clings:
+            self._began_s = self._released_of_s
+            raise GiveUp(FragmentOutcome.STUCK_IN_JAWS, "a fragment clings to the open jaws; take it off")
 
     async def _home(self) -> None:
         """Move out of the other arm's way, if not there already."""
@@ -311,18 +365,17 @@ class Debrider:
             return False
         return True
 
-    def note(self, outcome: FragmentOutcome, reason: str) -> None:
-        """Note how the handling of a fragment ended."""
-        self.cell.log.event(
-            "fragment", arm=self.name, outcome=outcome.name, reason=reason, start_s=round(self._began_s, 6)
-        )
+    def note(self, outcome: FragmentOutcome, reason: str, began_s: float | None = None) -> None:
+        """Note how the handling of a fragment ended, which began then, or else with the present one."""
+        start_s = round(self._began_s if began_s is None else began_s, 6)
+        self.cell.log.event("fragment", arm=self.name, outcome=outcome.name, reason=reason, start_s=start_s)
 
 
 async def run_all(debriders: list[Debrider]) -> None:
     """Run the scripts of all arms, and follow their grippers; a camera failure ends them all, wherever they are."""
     frozen: list[CameraFrozen] = []
 
-    async def seeing(what: Callable[..., Awaitable[None]], *args: str) -> None:
+    async def seeing(what: Callable[..., Awaitable[None]], *args: Any) -> None:
         try:
             await what(*args)
         except CameraFrozen as error:
@@ -334,7 +387,7 @@ async def run_all(debriders: list[Debrider]) -> None:
             watchers.start_soon(seeing, debrider.arm.observer.follow, debrider.name)
         async with trio.open_nursery() as scripts:
             for debrider in debriders:
-                scripts.start_soon(seeing, debrider.run)
+                scripts.start_soon(seeing, debrider.run, watchers)
         watchers.cancel_scope.cancel()
     if frozen:
         for debrider in debriders:

@@ -11,6 +11,7 @@ from itertools import islice, product
 import numpy as np
 
 from trocar.arms import ik
+from trocar.cell import MotionEnd
 from trocar.errors import ArmStopped, NoPlan, OutOfReach
 from trocar.geometry import SE3, SO3
 from trocar.motion import rest_to_rest
@@ -255,6 +256,8 @@ class RavenArm:
                 execution = await self.cell.robot.jaw(self.name, start + share * (angle_rad - start))
                 while isinstance(execution.cause, StepEnded):
                     execution = await self.cell.robot.jaw(self.name, start + share * (angle_rad - start))
+                if execution.ended is MotionEnd.REPLACED:  # the arm opens them further for the next grasp
+                    return
                 if not execution.done:
                     raise ArmStopped(self.name, execution.reason)
                 await self.cell.clock.sleep(over_s / steps)
