@@ -59,8 +59,8 @@ class Debrider:
         self._began_s, self._in_a_row, self._changes = 0.0, 0, 0
         self._is_home = self._looked_again = self._has_arrived = False
         self._parted: Pending[bool | TrocarError] = (
-            Pending()
-        )  # whether the last fragment clings, or why that is unknown
+            Pending()  # whether the last fragment clings, or why that is unknown
+        )
         self._released_of_s = 0.0  # when the handling of that fragment began
         self._look: tuple[float, int, Observation] | None = None  # when, how many had been taken, and what it showed
 
