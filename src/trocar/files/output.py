@@ -20,8 +20,6 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from trocar.errors import BadFile, InvalidInput, MachineError, TrocarError
 
 try:
@@ -222,6 +220,8 @@ def write_text(path: str | Path, text: str, kind: str) -> Path:
 
 def jsonable(value: object) -> Any:
     """Return a NumPy number or array as JSON can hold it; the ``default`` of ``json.dumps`` (TypeError: it is none)."""
+    import numpy as np  # takes a while, which commands that only print help avoid
+
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"{value!r} is no value of JSON")
