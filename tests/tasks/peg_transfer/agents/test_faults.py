@@ -283,7 +283,9 @@ def test_a_lower_block_that_is_seen_past_the_upper_one_is_not_grasped(kept):
     """The two are turned against each other: between the corners of one, those of the other show."""
     upper = standing(0, (0.5e-3, 0.3e-3), 0.3 + np.radians(60.0), Block().height_m)
     trial = kept("bilateral", blocks=[*map(block_on, PEGS), upper], fine=True)
-    ended_with(trial, [NOT_GRASPED, DONE])
+    # what the jaws come down on may be shifted so far that a second look finds no block on the peg
+    assert noted(trial)[0] in (NOT_GRASPED, NO_BLOCK)
+    ended_with(trial, [noted(trial)[0], DONE])
 
 
 @pytest.mark.parametrize(("variant", "transfers"), [("unilateral", 1), ("bilateral", 2)])

@@ -7,7 +7,7 @@ import pytest
 
 from trocar.errors import MotionRefused
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.receiver import MAX_THINNER_RAD
+from trocar.tasks.peg_transfer.agents.receiver import MAX_THINNER_RAD, Receiver
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Pegboard
 from two_armed import SETTINGS, Chooser, Wrapped, at_rest, distance_of_arms_m, named, played, stuck
@@ -97,6 +97,43 @@ def test_jaws_that_close_further_than_those_that_give_hold_no_wall_and_try_again
     assert in_time and score.succeeded
     (failed,) = named(lab, "pick failed")
     assert failed["arm"] == "psm1" and failed["jaw_rad"] > SETTINGS.jaw_empty_rad, "it held something"
+
+
+def test_a_block_that_leaves_no_room_as_it_was_seen_is_offered_another_way(monkeypatch):
+    found, refused = Receiver._find_descent, []
+
+    def no_room_at_first(self, q, T_board_block, avoid):
+        if len(refused) < 2:  # planned ahead, then on the spot
+            refused.append(T_board_block)
+            return None
+        return found(self, q, T_board_block, avoid)
+
+    monkeypatch.setattr(Receiver, "_find_descent", no_room_at_first)
+    lab, in_time, (score,) = played("handover", [GOAL], settings=replace(SETTINGS, rounds=3))
+    assert in_time and score.succeeded
+    first, second = (event["time_s"] for event in named(lab, "offer"))
+    truth = lab.truth()
+    between = (truth.times_s >= first) & (truth.times_s <= second)
+    assert truth.held_by["psm2"][between, GOAL.source].all(), "it stays in the jaws"
+    assert second - first < 2.0
+
+
+def test_a_block_that_leaves_no_room_either_way_is_put_back_and_grasped_anew(monkeypatch):
+    found, refused = Receiver._find_descent, []
+
+    def no_room_at_first(self, q, T_board_block, avoid):
+        if len(refused) < 4:
+            refused.append(T_board_block)
+            return None
+        return found(self, q, T_board_block, avoid)
+
+    monkeypatch.setattr(Receiver, "_find_descent", no_room_at_first)
+    lab, in_time, (score,) = played("handover", [GOAL], settings=replace(SETTINGS, rounds=3))
+    assert in_time and score.succeeded
+    _, second, third = (event["time_s"] for event in named(lab, "offer"))
+    truth = lab.truth()
+    between = (truth.times_s >= second) & (truth.times_s <= third)
+    assert not truth.held_by["psm2"][between, GOAL.source].all()
 
 
 def test_an_arm_that_is_refused_its_way_out_of_a_block_waits_for_nothing(monkeypatch):

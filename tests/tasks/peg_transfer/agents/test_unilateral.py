@@ -18,6 +18,7 @@ from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.motions import Motions
 from trocar.tasks.peg_transfer.agents.peg_arm import LETS_GO_RAD, PegArm
 from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
+from trocar.tasks.peg_transfer.agents.wall import WallOpening
 from trocar.tasks.peg_transfer.goals import THERE, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.perception import DepthView
 from trocar.tasks.peg_transfer.shapes import Pegboard
@@ -58,6 +59,17 @@ def test_jaws_open_beside_a_peg_no_further_than_lets_go_and_wide_only_over_the_p
     after = times_s > score.end_s - 0.2
     held, low = jaw_rad[after][0], after & (tip_m[:, 2] < Pegboard().peg_height_m)
     assert 0.1 < held < 0.25 and jaw_rad[low].max() == pytest.approx(held + LETS_GO_RAD, abs=0.02)
+
+
+def test_jaws_that_have_loosened_their_grip_hold_until_they_are_told_to_open_and_then_open_sooner(clean):
+    lab, in_time, (score,) = play([FIRST], settings=replace(SETTINGS, loosens=True))
+    assert in_time and score.succeeded
+    released, before = ([span for span in played.log.spans if span.name == "jaw"][2] for played in (lab, clean[0]))
+    sooner_s = (before.end_s - before.start_s) - (released.end_s - released.start_s)
+    assert 0.04 < sooner_s < 0.10, "the drive comes back from beyond the wall at 6 rad/s"
+    truth = lab.truth()
+    lowered = (truth.times_s > released.start_s - 0.3) & (truth.times_s <= released.start_s)
+    assert truth.held_by["psm1"][lowered, FIRST.source].all()
 
 
 def test_an_empty_peg_is_said_so_and_the_script_goes_on(clean):
@@ -225,6 +237,7 @@ class Jaws:
     def __init__(self, stop_rad, hands_over=False):
         self.settings, self.hands_over, self.after_release = SETTINGS, hands_over, None
         self.hand = self
+        self.table = SimpleNamespace(wall=WallOpening(SETTINGS))
         self.motions = SimpleNamespace(held=lambda T_tip_block: "a block")
         self.coordinator = SimpleNamespace(carry=lambda arm, what: carried.append(what))
         self.name, self.stop_rad, self.jaw_rad, self.asked = "psm1", stop_rad, 0.4, []

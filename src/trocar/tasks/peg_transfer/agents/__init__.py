@@ -36,7 +36,8 @@ class Settings:
 
     # Jaws. To take a block from the other arm they have to open wide: with a true opening below 0.31 rad, 10 of 107
     # tries ended on top of the wall, but only 3 of 217 above 0.33 rad. Jaws that close further than ``jaw_empty_rad``
-    # hold nothing, or too little of a block: on a wall they stall at 0.17 to 0.30 rad; a block held at 0.12 was lost.
+    # hold nothing, or too little of a block, unless the walls turn out to be thin (``WallOpening``): on a wall they
+    # stall at 0.14 to 0.30 rad; a block held at 0.12 was lost.
     jaw_open_rad: float = 0.40  # widest opening round the wall of a block, against the clearance in its hole
     release_rad: float = 0.32  # least opening there
     taking_rad: float = 0.36  # opening of jaws that approach a block in the other arm's jaws
@@ -54,6 +55,7 @@ class Settings:
     # arms that look before placing carry blocks like that: the receiving arm holds a block at any angle, and turning it
     # further costs clearance.
     fixed_wrist: bool = False
+    loosens: bool = False  # jaws loosen their grip while a block is lowered, and open sooner
     looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest
     looks_before_placing: bool = False  # stop over the target, look how the block hangs in the jaws, lower it like that
     learns_offset: bool = False  # correct where the tip is by looks at blocks in the jaws
@@ -71,7 +73,7 @@ class Settings:
     patience_s: float = 3.0  # an arm that could not move for this long does something else
     pace_s: float = 1.5  # how long one arm waits for the other to come as far
     detours: int = 2  # how often it then gives way and tries again, before it gives its transfer up
-    rounds: int = 2  # how often a transfer blocked by the other arm is tried
+    rounds: int = 2  # how often a transfer is tried that the other arm blocks, or in which it does not take the block
 
     @property
     def margins(self) -> Margins:
@@ -92,9 +94,13 @@ def patient() -> Settings:
 def quick() -> Settings:
     """Return the settings that declare the measured p95 of each computation on one shared core.
 
-    A run reports if a machine needs longer (``missed_budgets``).
+    A run reports if a machine needs longer (``missed_budgets``). Jaws act as soon as a motion has ended: by the time
+    that their fingers touch something, the tip has come to rest (within .03 mm, .05 s after the end).
     """
-    return Settings(perception_budget_s=0.085, planning_budget_s=0.06, fixed_wrist=True, learns_offset=True, retries=2)
+    return Settings(
+        perception_budget_s=0.085, planning_budget_s=0.06, settle_s=0.02, fixed_wrist=True, loosens=True,
+        learns_offset=True, retries=2, rounds=3,
+    )  # fmt: skip
 
 
 def learning() -> Settings:

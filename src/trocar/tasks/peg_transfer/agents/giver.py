@@ -12,7 +12,7 @@ from trocar.motion import TimedPath
 from trocar.robots import TICK_S
 from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
-from trocar.tasks.peg_transfer.agents.meeting import ASIDE_M, HandoverState, Offer, Side
+from trocar.tasks.peg_transfer.agents.meeting import ASIDE_M, MIN_ROOM_M, HandoverState, Offer, Side
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
 from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, Seen
@@ -29,25 +29,31 @@ class Giver(Side):
     def __init__(self, arm: PegArm, other: PegArm, script: OneArm):
         super().__init__(arm, other, script)
         self._offering: Pending[tuple[TimedPath, Offer]] = Pending()
+        self._kept: SE3 | None = None  # pose in the jaws of a block that is to be offered another way
 
     async def give(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:
         """Do this arm's part of a handover; ``following`` is the next one, in which it may give again."""
         if following is not None and following.giver != self.arm.name:
             following = None
         meeting.start_s = self.cell.clock.now_s()
-        source = meeting.goal.source
-        grasp = await self.script.pick(source, partial(self._plan_ahead, meeting, helpers))
-        if not isinstance(grasp, Grasp):
-            meeting.fail(grasp)
-            await self.arm.let_go()
-            return
-        T_board_block = self.table.blocks.pop(source)
-        T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
+        source, T_board_block = meeting.goal.source, None
+        T_tip_block, self._kept = self._kept, None
+        if T_tip_block is None:
+            grasp = await self.script.pick(source, partial(self._plan_ahead, meeting, helpers))
+            if not isinstance(grasp, Grasp):
+                meeting.fail(grasp)
+                await self.arm.let_go()
+                return
+            T_board_block = self.table.blocks.pop(source)
+            T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
         try:
             offered = await self._offer(meeting, T_tip_block, following, helpers)
-        except Blocked:  # the block stands where it did: nothing has moved
-            self.table.blocks[source] = T_board_block
-            await self.arm.let_go()
+        except Blocked:
+            if T_board_block is None:
+                await self._put_back(T_tip_block, source)
+            else:  # the block stands where it did: nothing has moved
+                self.table.blocks[source] = T_board_block
+                await self.arm.let_go()
             raise
         if not offered:
             meeting.fail(TransferOutcome.OUT_OF_REACH)
@@ -58,7 +64,8 @@ class Giver(Side):
             await self.wait_for(meeting.taken)
         if meeting.outcome is not None:
             await self.script.seen.take()
-            await self._put_back(T_tip_block, source)
+            if T_board_block is None or not await self._keep(meeting):
+                await self._put_back(T_tip_block, source)
             return
         await self._part(meeting, following, helpers)
 
@@ -115,6 +122,22 @@ class Giver(Side):
                     raise
                 meeting.crowded.set()
         self.cell.log.event("offer", arm=self.arm.name, room_mm=round(1e3 * offer.room_m, 2))
+        return True
+
+    async def _keep(self, meeting: HandoverState) -> bool:
+        """Plan to offer a block another way where there was no room to take it as seen; return whether that helps.
+
+        If there is no room then either, it is put back and grasped anew.
+        """
+        if meeting.T_board_seen is None or not meeting.may_repeat or not self.arm.holds:
+            return False
+        T_tip_block = self.arm.T_board_tip.inverse() @ meeting.T_board_seen
+        find = partial(self._find_offering, self.arm.hand.q, T_tip_block, meeting.goal.source)
+        offering = await self.arm.plan(find)
+        if offering is None or offering[1].room_m < MIN_ROOM_M:
+            return False
+        self._kept = T_tip_block
+        self._offering.put(offering)
         return True
 
     async def _part(self, meeting: HandoverState, following: HandoverState | None, helpers: trio.Nursery) -> None:

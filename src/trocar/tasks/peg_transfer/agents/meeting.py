@@ -172,11 +172,13 @@ class HandoverState:
 
     goal: Transfer
     giver: str  # name of the giving arm
+    may_repeat: bool = False  # whether another attempt may follow this one
     start_s: float = 0.0  # when the giving arm began
     # when each arm began and ended its part, over all meetings for this transfer; inf: not yet
     turns: dict[str, tuple[float, float]] = field(default_factory=dict)
     T_board_block: SE3 | None = None  # where the block is offered, according to the giving arm's joints
     T_board_giver: SE3 | None = None  # pose of the giving tip there
+    T_board_seen: SE3 | None = None  # where the receiving arm saw it, if that leaves no room to take it
     outcome: TransferOutcome | None = None  # why it failed; None: it has not failed
     reason: str = ""  # a sentence, if there is one
     passed: bool = False  # whether the receiving arm has had the block

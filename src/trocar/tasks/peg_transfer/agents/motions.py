@@ -250,9 +250,11 @@ class Motions:
         return self.through([*first, over, down])
 
     def offering(self, q: Joints, T_tip_block: SE3, source: int, T_board_tip: SE3) -> TimedPath:
-        """Return how to lift a block from its peg and bring it to the handover."""
-        height_m = float(self.tip(q).translation_m[2]) + self._settings.lift_m
-        still = self._settings.fixed_wrist
+        """Return how to lift a block from its peg, unless it is in the air already, and bring it to the handover."""
+        height_m, still = float(self.tip(q).translation_m[2]), self._settings.fixed_wrist
+        if height_m > self._settings.clear_height_m:
+            return self.through([q, self.ik(T_board_tip)])
+        height_m += self._settings.lift_m
         lifted = self.clear(q, T_tip_block, source, height_m) if still else self.above(q, height_m)
         return self.through([q, lifted, self.ik(T_board_tip)])
 

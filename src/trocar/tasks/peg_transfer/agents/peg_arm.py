@@ -20,21 +20,21 @@ from trocar.robots import TICK_S
 from trocar.robots.arm_script import ArmScript
 from trocar.robots.concurrency import together
 from trocar.robots.coordinator import Blocked, Coordinator
+from trocar.robots.driver import JAW_REST_S
 from trocar.robots.traffic import NEVER, Departure
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
 from trocar.tasks.peg_transfer.agents.table import Eyes, Table
 from trocar.tasks.peg_transfer.grasps import Grasp
 from trocar.trajectory import Trajectory
 
-JAW_SLACK_RAD = 0.01
-"""Jaws that stall this close to ``release_rad`` were blocked by something other than a wall. Of 560 closings in ten
-sessions, the thickest walls stopped the jaws at 0.295 rad."""
 LETS_GO_RAD = 0.14
 """Additional opening, as read by the encoder, that releases a wall. Of 95 blocks, 13 went up again with the arm, all in
 jaws that had truly opened by less than 0.07 rad more. Cables absorb 0.03 rad."""
 MOST_RELEASE_RAD = 0.46
 """Widest opening to release a block that was taken from the other arm, whose jaws left little choice of walls. On 16 of
 357 such blocks the jaws truly opened by less than 0.085 rad more; three of these went up again with the arm."""
+LOOSE_RAD = 0.03
+"""Jaws that loosen their grip are commanded to close by this much more than they can."""
 BESIDE_M = 0.035
 """Blocks on pegs this close to a target are considered when a place is chosen there."""
 PAUSE_S = 0.3
@@ -90,7 +90,7 @@ class PegArm:
     @property
     def holds(self) -> bool:
         """Return whether the jaws' motor stalled on something as thick as a block's wall."""
-        return self.settings.jaw_empty_rad < self.hand.jaw_rad < self.settings.release_rad - JAW_SLACK_RAD
+        return self.table.wall.least_rad < self.hand.jaw_rad < self.table.wall.most_rad
 
     def learn_offset(self, off_m: NDArray[np.float64]) -> None:
         """Learn the tip's offset from a block in the jaws, seen off its place by ``off_m`` (2,) in the board's axes."""
@@ -191,6 +191,7 @@ class PegArm:
     async def grip(self, T_tip_block: SE3) -> bool:
         """Close the jaws; return whether they hold something, which is taken to be the block at ``T_tip_block``."""
         await self.hand.jaw(self.settings.jaw_closed_rad)
+        self.table.wall.learn(self.hand.jaw_rad)
         self.coordinator.carry(self.name, self.motions.held(T_tip_block) if self.holds else None)
         return self.holds
 
@@ -223,8 +224,13 @@ class PegArm:
                 return None
             try:
                 if not hangs_over_target:
-                    begins = begun and partial(begun, ready)
-                    await self.move(ready.path.trajectory, begun=begins, margin_m=margin_m, departure=ready.departure)
+                    await self.move(
+                        ready.path.trajectory,
+                        begun=begun and partial(begun, ready),
+                        margin_m=margin_m,
+                        departure=ready.departure,
+                        loosens=self.settings.loosens,
+                    )
                     await self.hand.settle()
                 if not self.settings.looks_before_placing:
                     return ready.T_board_placed
@@ -310,6 +316,7 @@ class PegArm:
         contact_s: tuple[float, float] = NEVER,
         departure: Departure | None = None,
         waits: bool = True,
+        loosens: bool = False,
     ) -> None:
         """Run a motion as soon as the other arm leaves room for it, and meanwhile drive the jaws.
 
@@ -321,6 +328,7 @@ class PegArm:
             contact_s: interval of the motion in which the jaws may touch the block in the other arm's jaws.
             departure: how the arm gets away from where the motion ends.
             waits: whether to wait until the other arm does something else, if its announced motion leaves no room.
+            loosens: whether the jaws loosen their grip just before the end, where they are to release what they hold.
 
         Raises:
             Blocked: the other arm is in the way, and waiting does not help; or the robot refuses to move beside it.
@@ -339,14 +347,14 @@ class PegArm:
         self.bound_for = motion(motion.times_s[-1])
         if begun is not None:
             begun()
-        if jaw_rad is None:
-            result = await self._run(motion)
-        else:
-            ended = trio.Event()
-            async with trio.open_nursery() as nursery:
+        ended = trio.Event()
+        async with trio.open_nursery() as nursery:
+            if jaw_rad is not None:
                 nursery.start_soon(self._drive_jaw_once_risen, jaw_rad, ended)
-                result = await self._run(motion)
-                ended.set()
+            if loosens:
+                nursery.start_soon(self._loosen, motion.duration_s, ended)
+            result = await self._run(motion)
+            ended.set()
         if isinstance(result, MotionRefused):
             if self.coordinator.alone:
                 raise result
@@ -360,6 +368,18 @@ class PegArm:
         while self.height_m < self.table.board.peg_height_m + AT_HEIGHT_M and not ended.is_set():
             await self.cell.clock.sleep(TICK_S)
         await self.hand.drive_jaw(jaw_rad)
+
+    async def _loosen(self, duration_s: float, ended: trio.Event) -> None:
+        """Loosen the grip at the end of a motion, so that the jaws part as soon as they are told to.
+
+        A drive that presses jaws together is commanded far beyond them, and takes as long to come back. Jaws that have
+        lost the block stay closed, so that this is seen.
+        """
+        lead_s = (self.hand.jaw_rad - self.settings.jaw_closed_rad) / self.model.jaw.max_speed + JAW_REST_S
+        with trio.move_on_after(duration_s - lead_s):
+            await ended.wait()
+        if not ended.is_set() and self.holds:
+            await self.hand.drive_jaw(self.hand.jaw_rad - LOOSE_RAD)
 
     async def _run(self, motion: Trajectory) -> MotionResult | MotionRefused:
         """Run an admitted motion; return its result, or the refusal if the robot does not start it."""

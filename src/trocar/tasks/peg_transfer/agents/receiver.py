@@ -20,13 +20,11 @@ from trocar.tasks.peg_transfer.agents.unilateral import OneArm, withdraw
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, held_block, yaw_of
 
+MAX_THINNER_RAD = 0.06
+"""Jaws that close this much further than the other arm's on the same block hold only the edge of a wall: of 612 blocks
+four were taken like that, and three of these were lost."""
 UPRIGHT = 0.999
 """A tool is vertical if the cosine of the angle between its z and the board's is above this."""
-THIN_RAD = 0.17
-"""Jaws that close to less than this are suspicious: only 1 % of walls are that thin."""
-MAX_THINNER_RAD = 0.06
-"""If such jaws close this much further than the other arm's on the same block, they hold only the edge of a wall: of
-612 blocks four were taken like that, and three of these were lost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +169,7 @@ class Receiver(Side):
                 return None
             grasp = await self._come(block, failed, descent)
             if grasp is None:
+                meeting.T_board_seen = None if failed else block
                 return None
             T_tip_block = held_block(grasp.T_board_tip, block, self.table.block)
             if await self.arm.grip(T_tip_block) and self._holds_a_wall():
@@ -179,13 +178,12 @@ class Receiver(Side):
             self.cell.log.event("pick failed", arm=self.arm.name, attempt=attempt, jaw_rad=jaw_rad)
             failed.append(grasp.candidate)
             await self.arm.open(self.settings.release_rad)
-            await self.leave()
+            await self.rise()
         return None
 
     def _holds_a_wall(self) -> bool:
-        """Return whether the jaws hold a whole wall, judged by the opening of the other jaws on the same block."""
-        held_rad = self.arm.hand.jaw_rad
-        return held_rad > THIN_RAD or held_rad > self.other.hand.jaw_rad - MAX_THINNER_RAD
+        """Return whether the jaws hold as much of a wall as the other ones do, on the same block."""
+        return self.arm.hand.jaw_rad > self.other.hand.jaw_rad - MAX_THINNER_RAD
 
     async def _come(self, T_board_block: SE3, failed: list[int], ready: Coming | None) -> Grasp | None:
         """Descend with open jaws round a wall of the block that the other arm holds; return the grasp.
@@ -232,7 +230,8 @@ class Receiver(Side):
         T_tip_block = await self.take(meeting)
         if T_tip_block is None:
             meeting.fail(TransferOutcome.NOT_GRASPED)
-            await self.leave()
+            if meeting.T_board_seen is None or not meeting.may_repeat:
+                await self.leave()
             return
         meeting.passed = True
         meeting.taken.set()

@@ -14,6 +14,7 @@ from trocar.eval import AgentContext
 from trocar.geometry import SE3
 from trocar.perception.image import RgbdImage
 from trocar.robots.arm_script import ArmScript
+from trocar.tasks.peg_transfer.agents.wall import WallOpening
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome, ready
 from trocar.tasks.peg_transfer.grasps import Grasp, plan_grasp
 from trocar.tasks.peg_transfer.perception import depth_camera
@@ -30,6 +31,7 @@ class Table:
     Attributes:
         T_world_board: pose of the board; nominal until it has been found.
         blocks: poses of the blocks in the board's frame, as last seen or placed, by peg.
+        wall: how far jaws stay open on the blocks' walls.
     """
 
     def __init__(self, context: AgentContext):
@@ -39,6 +41,7 @@ class Table:
         self.camera, self.T_world_camera = context.cell.cameras[name], context.cell.T_world_camera_registered[name]
         self.T_world_board = context.cell.T_world_fixture["board"]
         self.blocks: dict[int, SE3] = {}
+        self.wall = WallOpening(self.settings)
 
     @property
     def T_camera_board(self) -> SE3:

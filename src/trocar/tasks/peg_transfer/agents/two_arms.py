@@ -94,7 +94,10 @@ class Handover(TwoArms):
         super().__init__(context)
         rounds, x_m = range(self.settings.rounds), self.table.board.pegs_m[:, 0]
         giver = {goal: self.right if x_m[goal.target] < x_m[goal.source] else self.left for goal in self.goals}
-        self.appointments = [[HandoverState(goal, giver[goal].name) for _ in rounds] for goal in self.goals]
+        self.appointments = [
+            [HandoverState(goal, giver[goal].name, may_repeat=number + 1 < len(rounds)) for number in rounds]
+            for goal in self.goals
+        ]
         self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}
         self._chosen: list[trio.Event] = []
         if self.goals:
