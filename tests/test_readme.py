@@ -34,6 +34,12 @@ def test_the_lines_of_python_of_the_quick_start_run(tmp_path):
     assert result.returncode == 0, result.stderr
 
 
+def test_what_is_to_be_read_in_a_day_exists_and_is_no_more_than_that():
+    named = re.findall(r"`((?:src/trocar|examples)/[^`]+\.py)`", (ROOT / "docs" / "reading.md").read_text())
+    assert len(named) == len(set(named)) > 30
+    assert sum(len((ROOT / name).read_text().splitlines()) for name in named) < 9000
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_and_option_that_a_page_names_exists(page):
     lines = re.findall(r"(?:`|^)(?:\.venv/bin/)?trocar ([^`\n]+)", page.read_text(), re.MULTILINE)

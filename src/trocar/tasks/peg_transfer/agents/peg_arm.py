@@ -372,8 +372,7 @@ class PegArm:
     async def _loosen(self, duration_s: float, ended: trio.Event) -> None:
         """Loosen the grip at the end of a motion, so that the jaws part as soon as they are told to.
 
-        A drive that presses jaws together is commanded far beyond them, and takes as long to come back. Jaws that have
-        lost the block stay closed, so that this is seen.
+        A drive that presses is commanded far beyond the wall. Jaws that lost the block stay closed, so that it is seen.
         """
         lead_s = (self.hand.jaw_rad - self.settings.jaw_closed_rad) / self.model.jaw.max_speed + JAW_REST_S
         with trio.move_on_after(duration_s - lead_s):
