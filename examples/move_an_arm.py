@@ -1,6 +1,6 @@
 """Move an arm of a built-in station along a planned motion: python examples/move_an_arm.py."""
 
-from trocar.arms import MOTION_LIMITS, fk, ik
+from trocar.arms import fk, ik
 from trocar.cell import Cell
 from trocar.geometry import SE3
 from trocar.lab.laboratory import build_cell
@@ -15,7 +15,7 @@ async def lower(cell: Cell) -> None:
     model, T_world_base = cell.arms[ARM], cell.T_world_base_registered[ARM]
     start = cell.robot.setpoint(ARM).q
     over, down = (ik(model, T_world_base.inverse() @ SE3.from_parts(translation_m=p)) for p in (OVER_M, DOWN_M))
-    plan = plan_through(model, [start, over, down], MOTION_LIMITS["paper"], up=T_world_base.matrix[2, :3])
+    plan = plan_through(model, [start, over, down], cell.limits[ARM], up=T_world_base.matrix[2, :3])
     execution = (await cell.robot.move({ARM: plan.trajectory}))[ARM]
     p_world_tip = (T_world_base @ fk(model, cell.robot.read(ARM).q)).translation_m
     print(f"{ARM} after {plan.duration_s:.2f} s: {execution.ended.value}")

@@ -37,7 +37,7 @@ def test_the_lines_of_python_of_the_quick_start_run(tmp_path):
 def test_what_is_to_be_read_in_a_day_exists_and_is_no_more_than_that():
     named = re.findall(r"`((?:src/trocar|examples)/[^`]+\.py)`", (ROOT / "docs" / "reading.md").read_text())
     assert len(named) == len(set(named)) > 30
-    assert sum(len((ROOT / name).read_text().splitlines()) for name in named) < 9000
+    assert sum(len((ROOT / name).read_text().splitlines()) for name in named) < 9500
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
