@@ -20,6 +20,7 @@ message and exits with the error's exit code, so a traceback always means a bug.
     |   |-- StaleReading        an arm's last encoder reading is too old
     |   `-- NoPlan              a planner found nothing, for another reason
     |-- ArmStopped              an arm that did not reach the end of its motion
+    |-- EmergencyStop           a person ended the trial
     `-- MachineError            a full disk, a folder without permission, too little memory
 """
 

@@ -204,6 +204,7 @@ def _by_checkerboard(
     for name in bases:
         T_board_found = SE3.exp(sd * rng.standard_normal(6))
         off[name] = how.T_world_board @ T_board_found @ how.T_world_board.inverse()
+    # every base is found with the error of its own board; as the reference, the first one is right by definition
     world = off[next(iter(bases))].inverse()
     found = {name: world @ off[name] @ T for name, T in bases.items()}
     return found, {name: world @ T for name, T in cameras.items()}

@@ -36,8 +36,8 @@ class PlayResponse:
     taut: Array  # (n, 3, 3) the same if no operator were in its slack
     # (n, 3, 3, k) d wrist's joints / d operator, of those that the row's own command does not drive
     by_operator: Array
-    # (n, 3, k) where in the path each operator was driven last: 2 i by command i, 2 i + 1 by the turn after it; 0 if
-    # never
+    # (n, 3, k) where in the path each operator was driven last: 2 i by command i, 2 i + 1 by the turn after it; 0 also
+    # if never, since what came before the path is as fixed as its first command
     moved: NDArray[np.int64]
 
 

@@ -52,8 +52,8 @@ class Settings:
 
     # Looking, learning and trying again. With ``fixed_wrist``, wrist joints keep still while the tip goes straight
     # down or up, so that the errors of their cables do not change; without, the tool does not turn. In a handover, only
-    # arms that look before placing carry blocks like that: the receiving arm holds a block at any angle, and turning it
-    # further costs clearance.
+    # arms that look before placing keep the wrist still over the target: the receiving arm holds a block at any angle,
+    # and turning it further costs clearance.
     fixed_wrist: bool = False
     loosens: bool = False  # jaws loosen their grip while a block is lowered, and open sooner
     looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest

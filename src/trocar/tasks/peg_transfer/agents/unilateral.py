@@ -55,6 +55,7 @@ async def finish(table: Table, arm: PegArm) -> None:
         checked: Pending[bool] = Pending()
 
         async def look(path: TimedPath) -> bool:
+            # halfway from over the pegs to home, the arm no longer hides a block
             await table.cell.clock.sleep(float(path.waypoint_times_s[-2:].mean() - path.waypoint_times_s[0]))
             return await table.check(arm.hand)
 
@@ -78,7 +79,8 @@ async def withdraw(arm: PegArm, begun: Callable[[TimedPath], None] | None = None
 
 
 HOLDS, LEFT_SOURCE = 0.5, 1.0
-"""Steps at which two arms wait for each other, as shares of a transfer: the block is held; it leaves its source."""
+"""Steps at which two arms wait for each other, as shares of a transfer: the block is held; it leaves its source. A step
+of a trial is the transfer's number plus such a share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +175,7 @@ class OneArm:
         an earlier one may show it.
         """
         clock, hand, begin_s = self.cell.clock, self.arm.hand, self.cell.clock.now_s()
-        over = -1 if self.settings.looks_before_placing else -2
+        over = -1 if self.settings.looks_before_placing else -2  # the last waypoint is over the target, or down at it
         down_s = float(path.waypoint_times_s[over] - path.waypoint_times_s[0])
         images: list[RgbdImage] = []
         for after_s in (0.0, down_s / 2, down_s):
