@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from trocar.errors import MotionRefused
-from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
-from trocar.tasks.peg_transfer.agents.receiver import MAX_THINNER_RAD, Receiver
+from trocar.tasks.peg_transfer.agents.peg_arm import PAUSE_S, PegArm
+from trocar.tasks.peg_transfer.agents.receiver import Receiver
+from trocar.tasks.peg_transfer.agents.wall import MAX_THINNER_RAD
 from trocar.tasks.peg_transfer.goals import GOALS, TransferOutcome
 from trocar.tasks.peg_transfer.shapes import Pegboard
 from two_armed import SETTINGS, Chooser, Wrapped, at_rest, distance_of_arms_m, named, played, stuck
@@ -97,6 +98,28 @@ def test_jaws_that_close_further_than_those_that_give_hold_no_wall_and_try_again
     assert in_time and score.succeeded
     (failed,) = named(lab, "pick failed")
     assert failed["arm"] == "psm1" and failed["jaw_rad"] > SETTINGS.jaw_empty_rad, "it held something"
+
+
+def test_an_arm_that_the_guard_does_not_let_near_gives_the_other_time_to_leave():
+    class Guarded(Wrapped):
+        """The guard refuses the giving arm three times to bring the block."""
+
+        closed = refused = 0
+
+        async def jaw(self, name, angle_rad):
+            self.closed += name == "psm2" and angle_rad < 0
+            return await self.inner.jaw(name, angle_rad)
+
+        async def move(self, motions):
+            if "psm2" in motions and self.closed == 2 and self.refused < 3:  # 1: to see where closed is
+                self.refused += 1
+                raise MotionRefused("psm2 comes too near", arm="psm2")
+            return await self.inner.move(motions)
+
+    lab, in_time, (score,) = played("handover", [GOAL], robot=Guarded, settings=replace(SETTINGS, rounds=1))
+    assert in_time and score.succeeded
+    refused_s = np.array([event["time_s"] for event in named(lab, "refused")])
+    assert len(refused_s) == 3 and refused_s[-1] - refused_s[0] > PAUSE_S
 
 
 def held_between_offers(monkeypatch, refusals):

@@ -36,6 +36,14 @@ def test_an_edge_of_a_thick_wall_is_no_wall():
     assert learned(0.27, 0.27, 0.26) > 0.155
 
 
+def test_a_wall_held_by_its_rim_right_after_the_first_whole_one_is_none():
+    assert learned(0.24, 0.16) > 0.16
+
+
+def test_edges_do_not_pass_for_usual_walls_because_there_were_some_before():
+    assert learned(0.244, 0.201, 0.253, 0.188) > 0.188
+
+
 @given(st.lists(st.floats(0.0, 0.4), max_size=12))
 def test_empty_jaws_hold_no_wall_whatever_was_seen_before(closings):
     assert NOTHING_RAD <= learned(*closings) < SETTINGS.release_rad - MAX_THINNER_RAD

@@ -14,7 +14,7 @@ from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
 from trocar.tasks.peg_transfer.agents.meeting import ASIDE_M, MIN_ROOM_M, HandoverState, Offer, Side
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
-from trocar.tasks.peg_transfer.agents.peg_arm import PegArm
+from trocar.tasks.peg_transfer.agents.peg_arm import PAUSE_S, PegArm
 from trocar.tasks.peg_transfer.agents.unilateral import OneArm, Seen
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
@@ -113,13 +113,16 @@ class Giver(Side):
             meeting.announce(offer.T_board_tip, T_tip_block)
             self.script.look_ahead(helpers, path, following and following.goal, self.settings.parts_m)
 
-        for waits in (False, True):
+        for tries in range(2 + self.settings.detours):
             try:
-                await self.arm.move(path.trajectory, begun=begun, margin_m=self.settings.meeting_margin_m, waits=waits)
+                margin_m = self.settings.meeting_margin_m
+                await self.arm.move(path.trajectory, begun=begun, margin_m=margin_m, waits=tries > 0)
                 break
             except Blocked:
-                if waits:
+                if tries > self.settings.detours:
                     raise
+                if meeting.crowded.is_set():  # the robot's guard waits for nobody: the other arm needs time to leave
+                    await self.cell.clock.sleep(PAUSE_S)
                 meeting.crowded.set()
         self.cell.log.event("offer", arm=self.arm.name, room_mm=round(1e3 * offer.room_m, 2))
         return True
@@ -201,7 +204,7 @@ class Giver(Side):
                     return
                 await self.cell.clock.sleep(TICK_S)
             meeting.parted.set()
-            await self.arm.hand.drive_jaw(self.arm.opening_rad(grasp))
+            await self.arm.drive_jaw_open(self.arm.opening_rad(grasp))
 
         def begun() -> None:
             helpers.start_soon(part)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -10,7 +11,7 @@ import trio
 from numpy.typing import NDArray
 
 from trocar.arms import fk
-from trocar.cell import MotionResult, Result
+from trocar.cell import Result
 from trocar.errors import ArmStopped, MotionRefused
 from trocar.eval import AgentContext
 from trocar.geometry import SE3
@@ -33,6 +34,8 @@ jaws that had truly opened by less than 0.07 rad more. Cables absorb 0.03 rad.""
 MOST_RELEASE_RAD = 0.46
 """Widest opening to release a block that was taken from the other arm, whose jaws left little choice of walls. On 16 of
 357 such blocks the jaws truly opened by less than 0.085 rad more; three of these went up again with the arm."""
+MAX_PLAY_RAD = 0.06
+"""Largest play for which jaws make up when they open: they may also stay too narrow because something blocks them."""
 LOOSE_RAD = 0.03
 """Jaws that loosen their grip are commanded to close by this much more than they can."""
 BESIDE_M = 0.035
@@ -122,10 +125,7 @@ class PegArm:
         return True
 
     async def look_at_tip(self, grasp: Grasp) -> None:
-        """Look at the jaws over a block that they missed, and learn the tip's offset.
-
-        Nothing is learned if the arm cannot stop there, or is not seen.
-        """
+        """Look at the jaws over a block that they missed; learn the tip's offset if they are seen."""
         if not await self.stop_over(grasp, self.opening_rad(grasp)):
             return
         image, q, T_base_board = await self.table.capture(self.hand), self.hand.q, self.motions.T_base_board
@@ -229,7 +229,7 @@ class PegArm:
                         begun=begun and partial(begun, ready),
                         margin_m=margin_m,
                         departure=ready.departure,
-                        loosens=self.settings.loosens,
+                        loosens=self.settings.tends_jaws,
                     )
                     await self.hand.settle()
                 if not self.settings.looks_before_placing:
@@ -299,11 +299,8 @@ class PegArm:
         """Make room for the other arm: go home, or at least rise; wait if the arm can do neither, or holds a block."""
         self.cell.log.event("gives way", arm=self.name)
         for leave in () if self.coordinator.carries(self.name) else (self.go_home, self.retreat):
-            try:
-                await leave()
-                return
-            except Blocked:
-                continue
+            with suppress(Blocked):
+                return await leave()
         await self.cell.clock.sleep(PAUSE_S)
 
     async def move(
@@ -353,7 +350,10 @@ class PegArm:
                 nursery.start_soon(self._drive_jaw_once_risen, jaw_rad, ended)
             if loosens:
                 nursery.start_soon(self._loosen, motion.duration_s, ended)
-            result = await self._run(motion)
+            try:
+                result = await self.coordinator.run(self.name, motion)
+            except MotionRefused as error:
+                result = error
             ended.set()
         if isinstance(result, MotionRefused):
             if self.coordinator.alone:
@@ -367,7 +367,13 @@ class PegArm:
         """Drive the jaws as soon as the arm has risen over the pegs, or its motion has ended."""
         while self.height_m < self.table.board.peg_height_m + AT_HEIGHT_M and not ended.is_set():
             await self.cell.clock.sleep(TICK_S)
+        await self.drive_jaw_open(jaw_rad)
+
+    async def drive_jaw_open(self, jaw_rad: float) -> None:
+        """Open the jaws while the arm moves; with ``tends_jaws``, make up for what they lack by their encoder."""
         await self.hand.drive_jaw(jaw_rad)
+        if self.settings.tends_jaws:
+            await self.hand.drive_jaw(jaw_rad + float(np.clip(jaw_rad - self.hand.jaw_rad, 0.0, MAX_PLAY_RAD)))
 
     async def _loosen(self, duration_s: float, ended: trio.Event) -> None:
         """Loosen the grip at the end of a motion, so that the jaws part as soon as they are told to.
@@ -379,13 +385,6 @@ class PegArm:
             await ended.wait()
         if not ended.is_set() and self.holds:
             await self.hand.drive_jaw(self.hand.jaw_rad - LOOSE_RAD)
-
-    async def _run(self, motion: Trajectory) -> MotionResult | MotionRefused:
-        """Run an admitted motion; return its result, or the refusal if the robot does not start it."""
-        try:
-            return await self.coordinator.run(self.name, motion)
-        except MotionRefused as error:
-            return error
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, if a pose or the path to it leaves the joints' ranges."""

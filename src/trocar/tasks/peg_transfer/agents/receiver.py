@@ -20,9 +20,6 @@ from trocar.tasks.peg_transfer.agents.unilateral import OneArm, withdraw
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, held_block, yaw_of
 
-MAX_THINNER_RAD = 0.06
-"""Jaws that close this much further than the other arm's on the same block hold only the edge of a wall: of 612 blocks
-four were taken like that, and three of these were lost."""
 UPRIGHT = 0.999
 """A tool is vertical if the cosine of the angle between its z and the board's is above this."""
 
@@ -172,7 +169,7 @@ class Receiver(Side):
                 meeting.T_board_seen = None if failed else block
                 return None
             T_tip_block = held_block(grasp.T_board_tip, block, self.table.block)
-            if await self.arm.grip(T_tip_block) and self._holds_a_wall():
+            if await self.arm.grip(T_tip_block):
                 return T_tip_block
             jaw_rad = round(self.arm.hand.jaw_rad, 4)
             self.cell.log.event("pick failed", arm=self.arm.name, attempt=attempt, jaw_rad=jaw_rad)
@@ -180,10 +177,6 @@ class Receiver(Side):
             await self.arm.open(self.settings.release_rad)
             await self.rise()
         return None
-
-    def _holds_a_wall(self) -> bool:
-        """Return whether the jaws hold as much of a wall as the other ones do, on the same block."""
-        return self.arm.hand.jaw_rad > self.other.hand.jaw_rad - MAX_THINNER_RAD
 
     async def _come(self, T_board_block: SE3, failed: list[int], ready: Coming | None) -> Grasp | None:
         """Descend with open jaws round a wall of the block that the other arm holds; return the grasp.

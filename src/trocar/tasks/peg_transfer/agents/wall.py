@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from trocar.tasks.peg_transfer.agents import Settings
 
 JAW_SLACK_RAD = 0.01
@@ -11,9 +9,9 @@ JAW_SLACK_RAD = 0.01
 sessions, the thickest walls stopped the jaws at 0.295 rad."""
 NOTHING_RAD = 0.08
 """Jaws that close further than this are empty: the thinnest of 5000 drawn walls would hold them open by 0.13."""
-MAX_THINNER_RAD = 0.09
-"""Jaws that close this much further than usual hold only the edge of a wall. A grasp 2 mm beside the middle of a side
-closes further by 0.075."""
+MAX_THINNER_RAD = 0.06
+"""Jaws that close this much further than usual hold the edge of a wall, or only its rim. Of 789 closings, 98 % were
+within 0.04 of what was usual in their session; of the five further than 0.06, four had the block by its top edge."""
 
 
 class WallOpening:
@@ -32,10 +30,12 @@ class WallOpening:
         """Return the opening above which jaws hold a whole wall.
 
         As long as nothing is known, that is ``jaw_empty_rad``. A first closing below it may be at the edge of a wall;
-        after a second one, walls are known to be thin.
+        after a second one, walls are known to be thin. What is usual is the upper quartile of the closings, because what
+        goes wrong lets jaws close further.
         """
-        usual_rad = float(np.median(self._stalls_rad)) if self._stalls_rad else 0.0
-        if usual_rad <= self._least_rad and len(self._stalls_rad) < 2:
+        count = len(self._stalls_rad)
+        usual_rad = sorted(self._stalls_rad)[3 * count // 4] if count else 0.0
+        if usual_rad <= self._least_rad and count < 2:
             return self._least_rad
         return max(NOTHING_RAD, usual_rad - MAX_THINNER_RAD)
 
