@@ -79,7 +79,7 @@ def test_where_a_tip_truly_is_is_learned_from_looks_at_blocks_in_its_jaws():
     assert np.linalg.norm(told["psm1"]) < 0.25, told
 
 
-def test_jaws_that_close_further_than_those_that_give_hold_no_wall_and_try_again():
+def test_receiving_jaws_that_close_further_than_usual_hold_no_wall_and_try_again():
     class Thin(Wrapped):
         """The taking arm's encoder says too little when its jaws have closed on a block for the first time."""
 

@@ -15,13 +15,14 @@ from trocar.errors import OutOfReach, TrocarError
 from trocar.geometry import SE3
 from trocar.robots import TICK_S
 from trocar.robots.coordinator import Blocked
+from trocar.tasks.peg_transfer.agents import Settings, quick
 from trocar.tasks.peg_transfer.agents.motions import Motions
 from trocar.tasks.peg_transfer.agents.peg_arm import LETS_GO_RAD, PegArm
 from trocar.tasks.peg_transfer.agents.unilateral import Unilateral
 from trocar.tasks.peg_transfer.agents.wall import WallOpening
 from trocar.tasks.peg_transfer.goals import THERE, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.perception import DepthView
-from trocar.tasks.peg_transfer.shapes import Pegboard
+from trocar.tasks.peg_transfer.shapes import Block, Pegboard
 from two_armed import SETTINGS, Chooser, Wrapped, briefed, named, played, stuck
 
 FIRST, SECOND = THERE[:2]
@@ -87,6 +88,27 @@ def test_jaws_make_up_for_the_play_that_their_encoder_shows():
     tended, left = (play([FIRST], robot=Slack, settings=replace(SETTINGS, tends_jaws=tends)) for tends in (True, False))
     assert opening_rad(tended[0]) == pytest.approx(SETTINGS.jaw_open_rad, abs=0.015)
     assert opening_rad(left[0]) < SETTINGS.jaw_open_rad - 0.03
+
+
+def test_a_wall_that_is_held_by_its_rim_is_let_go_and_taken_again():
+    class Misled(DepthView):
+        """Sees the block 1.1 mm off its place at first, so that a finger comes down on its wall."""
+
+        looks = 0
+
+        def find_block(self, image, T_camera_board, board, block, peg):
+            found, self.looks = super().find_block(image, T_camera_board, board, block, peg), self.looks + 1
+            return found if self.looks > 1 else SE3.from_parts(translation_m=[-1.1e-3, 0.0, 0.0]) @ found
+
+    lab, in_time, (score,) = play(
+        [FIRST], perception=Misled(), settings=replace(SETTINGS, jaw_empty_rad=quick().jaw_empty_rad)
+    )
+    assert in_time and score.succeeded
+    (failed,) = named(lab, "pick failed")
+    assert failed["jaw_rad"] > Settings().jaw_empty_rad, "the jaws held something"
+    at = np.searchsorted(lab.truth().times_s, failed["time_s"])
+    tip = T_WORLD_BASE["psm1"] @ fk(PSM_CLASSIC, lab.recorder.arrays()["true_psm1"][at, :6].astype(float))
+    assert tip.translation_m[2] > Block().height_m - SETTINGS.depth_m / 2, "by its rim"
 
 
 def test_an_empty_peg_is_said_so_and_the_script_goes_on(clean):
