@@ -30,7 +30,7 @@ class WallOpening:
         """Return the opening above which jaws hold a whole wall.
 
         As long as nothing is known, that is ``jaw_empty_rad``. A first closing below it may be at the edge of a wall;
-        after a second one, walls are known to be thin. What is usual is the upper quartile of the closings, because what
+        after a second one, walls are known to be thin. What is usual is the upper quartile of the closings, as what
         goes wrong lets jaws close further.
         """
         count = len(self._stalls_rad)
