@@ -100,22 +100,27 @@ def test_receiving_jaws_that_close_further_than_usual_hold_no_wall_and_try_again
     assert failed["arm"] == "psm1" and failed["jaw_rad"] > SETTINGS.jaw_empty_rad, "it held something"
 
 
+class Guarded(Wrapped):
+    """The guard refuses the giving arm some motions once its jaws have moved for the second time in one direction.
+
+    They first close to see where closed is, and open before they grasp the block.
+    """
+
+    direction, refusals = -1, 3
+    moved = refused = 0
+
+    async def jaw(self, name, angle_rad):
+        self.moved += name == "psm2" and angle_rad * self.direction > 0
+        return await self.inner.jaw(name, angle_rad)
+
+    async def move(self, motions):
+        if "psm2" in motions and self.moved == 2 and self.refused < self.refusals:
+            self.refused += 1
+            raise MotionRefused("psm2 comes too near", arm="psm2")
+        return await self.inner.move(motions)
+
+
 def test_an_arm_that_the_guard_does_not_let_near_gives_the_other_time_to_leave():
-    class Guarded(Wrapped):
-        """The guard refuses the giving arm three times to bring the block."""
-
-        closed = refused = 0
-
-        async def jaw(self, name, angle_rad):
-            self.closed += name == "psm2" and angle_rad < 0
-            return await self.inner.jaw(name, angle_rad)
-
-        async def move(self, motions):
-            if "psm2" in motions and self.closed == 2 and self.refused < 3:  # 1: to see where closed is
-                self.refused += 1
-                raise MotionRefused("psm2 comes too near", arm="psm2")
-            return await self.inner.move(motions)
-
     lab, in_time, (score,) = played("handover", [GOAL], robot=Guarded, settings=replace(SETTINGS, rounds=1))
     assert in_time and score.succeeded
     refused_s = np.array([event["time_s"] for event in named(lab, "refused")])
@@ -152,20 +157,10 @@ def test_a_block_that_leaves_no_room_either_way_is_put_back_and_grasped_anew(mon
 
 
 def test_an_arm_that_is_refused_its_way_out_of_a_block_waits_for_nothing(monkeypatch):
-    class Refusing(Wrapped):
-        """The guard refuses the giving arm its first motions once it has let go."""
+    class Refusing(Guarded):
+        """The guard refuses its first motion once it has let go."""
 
-        opened = refused = 0
-
-        async def jaw(self, name, angle_rad):
-            self.opened += name == "psm2" and angle_rad > 0
-            return await self.inner.jaw(name, angle_rad)
-
-        async def move(self, motions):
-            if "psm2" in motions and self.opened == 2 and self.refused < 1:  # 1: before it grasped the block
-                self.refused += 1
-                raise MotionRefused("psm2 comes too near", arm="psm2")
-            return await self.inner.move(motions)
+        direction, refusals = 1, 1
 
     async def stays(*_, **__):
         """Neither rise out of the block nor go aside."""

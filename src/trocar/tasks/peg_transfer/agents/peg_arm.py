@@ -35,7 +35,7 @@ MOST_RELEASE_RAD = 0.46
 """Widest opening to release a block that was taken from the other arm, whose jaws left little choice of walls. On 16 of
 357 such blocks the jaws truly opened by less than 0.085 rad more; three of these went up again with the arm."""
 MAX_PLAY_RAD = 0.06
-"""Largest play for which jaws make up when they open: they may also stay too narrow because something blocks them."""
+"""Largest play for which jaws make up when they open, twice that of the cell's (0.03): narrower ones are blocked."""
 LOOSE_RAD = 0.03
 """Jaws that loosen their grip are commanded to close by this much more than they can."""
 BESIDE_M = 0.035
