@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -126,6 +127,10 @@ def test_every_choice_makes_another_run_but_not_how_many_trials(tmp_path):
     found = [run.fingerprint for run in (config(), *runs)]
     assert len(set(found)) == len(found)
     assert config(sessions=3, trials=5).fingerprint == config().fingerprint
+    (prior := tmp_path / "prior.npz").write_bytes((files("trocar.calibration.fleet") / "fleet.npz").read_bytes())
+    of_file = config(prior=str(prior)).fingerprint
+    prior.write_bytes(prior.read_bytes() + bytes(1))  # more bytes after a zip's end do not matter to it
+    assert config(prior=str(prior)).fingerprint != of_file
     plugin.write_text("VALUE = 2\n")
     assert config(plugins=(str(plugin),)).fingerprint != found[-1]
 

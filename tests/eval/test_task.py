@@ -9,7 +9,8 @@ import pytest
 from trocar.calibration.excitation import PSM1_BOX
 from trocar.errors import InvalidInput, TrocarError
 from trocar.eval import TASKS, Method, Score, Task, agent_explanation, option, stopped
-from trocar.eval.task import check_budget, draw_world
+from trocar.eval.staged import draw_world
+from trocar.eval.task import check_budget
 from trocar.lab import load_station
 
 

@@ -175,6 +175,19 @@ def test_jaws_follow_with_play_beside_their_place():
     assert pulled == pytest.approx([0.1, 0.1, 0.55, 0.55, 0.45])
 
 
+def test_the_motor_of_the_jaws_shows_what_stops_the_fingers_but_not_what_they_lack_of_their_opening():
+    cable, followed, read = JawCable(offset_rad=0.1, play_rad=0.05), 0.0, []
+    for commanded, stop in ((-0.2, 0.0), (0.4, None), (-0.2, 0.25), (0.1, 0.25), (0.22, 0.25), (0.4, None)):
+        pulled, followed = cable.step(followed, commanded)
+        fingers = pulled if stop is None else max(pulled, stop + 0.1)
+        read.append(cable.read(fingers, commanded))
+    assert read == pytest.approx([-0.05, 0.4, 0.2, 0.2, 0.22, 0.4])
+    closed, opened, wall = read[:3]
+    assert wall - closed == pytest.approx(0.25), "closings differ as the fingers do"
+    fingers = cable.step(0.0, opened)[0] - 0.1
+    assert opened - closed == pytest.approx(fingers + 2 * 0.05), "they seem wider than they are by the whole play"
+
+
 def test_what_fiducials_show_is_in_the_base_that_was_registered():
     """A base that is found beside its place makes joints seem to be elsewhere, as in a laboratory."""
     drawn = day(Difficulty.of("mild", ["registration=3mm", "noise=0"]), np.random.default_rng(1))

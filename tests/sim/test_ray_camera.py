@@ -209,7 +209,7 @@ def test_pixels_combined_see_the_same_with_fewer_rays():
 
 def test_cells_of_a_map_are_two_pixels_wide_and_numbered_row_by_row():
     """A focal length of 16 pixels: 8 cells for a direction of 1, and 4 of margin at each side."""
-    raster = _Raster(np.array([[-0.25, -0.5, 1.0], [2.0, 0.5, 2.0]]), 16.0)
+    raster = _Raster(np.array([-0.25, 1.0]), np.array([-0.5, 0.25]), 16.0)
     assert raster.shape == (16, 20)  # two more than needed
     for x, y, cell in (
         (-0.74, -0.99, 0),
@@ -217,29 +217,29 @@ def test_cells_of_a_map_are_two_pixels_wide_and_numbered_row_by_row():
         (0.03, 0.03, 8 * 20 + 6),
         (1.74, 0.9, 15 * 20 + 19),
     ):
-        assert raster.index(np.array([[x, y, 1.0]])) == raster.index(np.array([[3 * x, 3 * y, 3.0]])) == cell
+        assert raster.index(np.array([x]), np.array([y])) == cell
     for off in ((-0.76, 0.0), (1.76, 0.0), (0.0, -1.01), (0.0, 1.01)):
-        assert raster.index(np.array([[*off, 1.0]])) == 16 * 20, "they share one cell"
+        assert raster.index(*np.array(off)[:, None]) == 16 * 20, "they share one cell"
 
 
 def test_a_part_of_a_map_numbers_the_same_directions_and_some_round_them():
     rng = np.random.default_rng(0)
-    rays = np.column_stack([rng.uniform(-0.7, 0.5, 300), rng.uniform(-0.4, 0.6, 300), np.ones(300)])
-    raster = _Raster(rays, 60.0)
-    some = (rays[:, 0] > 0.0) & (rays[:, 1] < 0.2) & (rays[:, 1] > -0.1)
-    cells = raster.index(rays[some])
-    outside = raster.index(np.array([[9.0, 9.0, 1.0]]))
+    x, y = rng.uniform(-0.7, 0.5, 300), rng.uniform(-0.4, 0.6, 300)
+    raster = _Raster(x, y, 60.0)
+    some = (x > 0.0) & (y < 0.2) & (y > -0.1)
+    cells = raster.index(x[some], y[some])
+    outside = raster.index(np.array([9.0]), np.array([9.0]))
     smaller, numbers = raster.part(np.append(cells, outside))
-    assert (smaller.index(rays[some]) == numbers[:-1]).all() and numbers[-1] == np.prod(smaller.shape)
+    assert (smaller.index(x[some], y[some]) == numbers[:-1]).all() and numbers[-1] == np.prod(smaller.shape)
     assert np.prod(smaller.shape) < 0.4 * np.prod(raster.shape)
     last = np.prod(smaller.shape)
-    low, high = rays[some, :2].min(axis=0), rays[some, :2].max(axis=0)
+    low, high = np.array([x[some].min(), y[some].min()]), np.array([x[some].max(), y[some].max()])
     for axis in (0, 1):
         for end, sign in ((low, -1), (high, 1)):
             beside = (low + high) / 2
             beside[axis] = end[axis]
-            inside, beyond = (np.append(beside + sign * cells * np.eye(2)[axis] / 30, 1.0)[None] for cells in (3, 6))
-            assert smaller.index(inside) != last, "a margin of four cells"
-            assert smaller.index(beyond) == last
+            inside, beyond = ((beside + sign * away * np.eye(2)[axis] / 30)[:, None] for away in (3, 6))
+            assert smaller.index(*inside) != last, "a margin of four cells"
+            assert smaller.index(*beyond) == last
     same, unchanged = raster.part(outside)
     assert same is raster and (unchanged == outside).all()

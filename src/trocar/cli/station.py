@@ -114,7 +114,7 @@ def _mjcf(station: Station, task: str, seed: int) -> str:
     import numpy as np
 
     from trocar.eval import TASKS
-    from trocar.eval.task import draw_world
+    from trocar.eval.staged import draw_world
     from trocar.sim.station_model import station_mjcf  # the simulator is heavy
 
     if not task:

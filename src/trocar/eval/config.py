@@ -26,7 +26,7 @@ from trocar.registry import load_plugin
 PACKAGES = ("trocar", "numpy", "scipy", "mujoco", "trio", "opencv-python-headless", "piqp")
 """Packages on which a trial's numbers depend."""
 
-NO_PRIOR = "none"
+NO_PRIOR, BUILT_IN_PRIOR = "none", "fleet"
 USUAL_MODEL = "play"
 IMAGES, JOINTS = "images", "joints"
 """Sources of a calibration recording: spheres seen by the station's camera, or joints with drawn noise."""
@@ -246,7 +246,7 @@ class RunConfig:
         if method.learns and self.model != USUAL_MODEL:
             raise InvalidInput(f"--method {self.method}", f"learns model 'play', not {self.model!r}", "drop --model")
         if method.learns and self.prior == NO_PRIOR:
-            self._set(prior="fleet")
+            self._set(prior=BUILT_IN_PRIOR)
         if self.prior == NO_PRIOR:
             return
         if not (method.calibrated or method.learns) or self.model != USUAL_MODEL:
@@ -264,10 +264,12 @@ class RunConfig:
 
     def about(self) -> dict[str, Any]:
         """Return JSON values that distinguish this run from others: all but the numbers of sessions and trials."""
-        of_robot: dict[str, Any] = {}
+        more: dict[str, Any] = {}
         if self.robot:  # nothing was drawn, and a robot's flaws are its own
-            of_robot = {"robot": self.robot.partition(":")[0], "difficulty": [], "calibration": None, "model": None}
-            of_robot["cables"] = {arm: _digest(path) for arm, path in self.cable_files().items()}
+            more = {"robot": self.robot.partition(":")[0], "difficulty": [], "calibration": None, "model": None}
+            more["cables"] = {arm: _digest(path) for arm, path in self.cable_files().items()}
+        if self.prior not in (NO_PRIOR, BUILT_IN_PRIOR):
+            more["prior_digest"] = _digest(Path(self.prior))
         return {
             "task": self.task.name,
             "variant": self.task.variant,
@@ -293,7 +295,7 @@ class RunConfig:
             "plugins": [load_plugin(path) for path in self.plugins],
             "flaws": self._flaws(),
             "versions": versions(),
-            **of_robot,
+            **more,
         }
 
     @property

@@ -16,9 +16,9 @@ from trocar.errors import InvalidInput
 from trocar.eval.config import TRIALS, RunConfig
 from trocar.eval.prepare import Prepared
 from trocar.eval.scenery import Scenery
-from trocar.eval.task import Score, Task, draw_world
+from trocar.eval.task import Score, Task
 from trocar.eval.trial import Trial
-from trocar.lab import SensorFlaws
+from trocar.lab import SensorFlaws, Station
 from trocar.log import machine_speed
 from trocar.log import plain as plain_value
 from trocar.perception.image import Image as Taken
@@ -27,6 +27,7 @@ from trocar.robots import TICK_S
 from trocar.robots.shaken import Shaken
 from trocar.sim.laboratory import Listener, SimLaboratory
 from trocar.sim.record import fixed_poses, solids_of
+from trocar.sim.world import TaskWorld
 
 DONE, FAULT, OUT_OF_TIME, AGENT_ERROR = "done", "FAULT", "OUT_OF_TIME", "AGENT_ERROR"
 """How a trial's script ended: by itself, by a refusal or a failed device, by its budget, or by its own exception."""
@@ -62,6 +63,19 @@ class End:
     reason: str = ""
     where: str = ""
     error: str = ""
+
+
+def draw_world(task: Task, rng: np.random.Generator, station: Station) -> TaskWorld:
+    """Return the simulator's side of a scene that is drawn from a generator.
+
+    Raises:
+        InvalidInput: what the task's ``world(scene)`` returns is none.
+    """
+    world = task.world(task.scene(rng, station))
+    if not isinstance(world, TaskWorld):
+        problem, remedy = f"returns {world!r} from world(scene)", "return a trocar.sim.world.TaskWorld"
+        raise InvalidInput(f"task {task.name!r}", problem, remedy)
+    return world
 
 
 def scenery_of(laboratory: SimLaboratory) -> Scenery:

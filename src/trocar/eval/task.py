@@ -228,21 +228,6 @@ def check_budget(budget_s: float) -> None:
         raise InvalidValue("the budget of a trial", f"{budget_s} s", "give a finite time above 0 with --budget")
 
 
-def draw_world(task: Task, rng: np.random.Generator, station: Station) -> TaskWorld:
-    """Return the simulator's side of a scene that is drawn from a generator.
-
-    Raises:
-        InvalidInput: what the task's ``world(scene)`` returns is none.
-    """
-    from trocar.sim.world import TaskWorld  # the simulator is heavy
-
-    world = task.world(task.scene(rng, station))
-    if not isinstance(world, TaskWorld):
-        problem, remedy = f"returns {world!r} from world(scene)", "return a trocar.sim.world.TaskWorld"
-        raise InvalidInput(f"task {task.name!r}", problem, remedy)
-    return world
-
-
 def require_task(name: str, task: Any) -> None:
     """Check that a class has what a run needs from a task.
 

@@ -56,14 +56,16 @@ def find_spheres(image: RgbdImage, fixture: Fixture) -> Array:
     Pixels are grouped by colour. Blobs of the same colour are told apart by the radius of a sphere fitted to them;
     their centres come from a second fit with the known radius.
     """
-    hsv = cv2.cvtColor(image.color, cv2.COLOR_RGB2HSV_FULL)
-    clear = (hsv[..., 1] >= 255 * MIN_SATURATION) & (hsv[..., 2] >= 255 * MIN_VALUE) & np.isfinite(image.depth_m)
+    hue, saturation, value = cv2.split(cv2.cvtColor(image.color, cv2.COLOR_RGB2HSV_FULL))
+    clear = (saturation >= 255 * MIN_SATURATION) & (value >= 255 * MIN_VALUE) & np.isfinite(image.depth_m)
+    hue = np.asarray(hue, dtype=np.uint8)
     centers = np.full((len(fixture.spheres), 3), np.nan)
     for color in {sphere.color: None for sphere in fixture.spheres}:
         wanted = [number for number, sphere in enumerate(fixture.spheres) if sphere.color == color]
         radii_m = fixture.radii_m[wanted]
-        away = np.abs((hsv[..., 0].astype(np.int16) - _hue(color) + 128) % 256 - 128)
-        blobs = _blobs(image, (clear & (away * (360 / 256) <= HUE_DEG)).astype(np.uint8), float(radii_m.min()))
+        away = np.abs((np.arange(256) - _hue(color) + 128) % 256 - 128)
+        shows = (away * (360 / 256) <= HUE_DEG).astype(np.uint8)
+        blobs = _blobs(image, shows[hue] & clear, float(radii_m.min()))
         for number, (points, rough) in _assigned(blobs, radii_m).items():
             fit = fit_sphere(points, float(radii_m[number]), rough.center_m)
             if fit is not None and fit.good:

@@ -171,7 +171,7 @@ class RayCamera:
             points += eye_m
             color = self._finish.apply(data, color, Sight(geom, points, normal_world, eye_m, lamp_m, lit))
         view.lit[pixels], view.color[pixels], view.mirror[pixels] = lit, color, mirror
-        view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.linalg.norm(rays, axis=-1)
+        view.cosine[pixels] = -np.einsum("ij,ij->i", rays, normal) / np.sqrt(_squared(rays))
 
     def _projector_map(self, fixed: _View) -> tuple[_Raster, NDArray[np.intp]]:
         """Return a map of the projector's directions to fixed objects, and the cell (n,) of each pixel's point in it.
@@ -179,9 +179,12 @@ class RayCamera:
         All pixels must have been cast before.
         """
         if self._lamp_map is None:
-            rays = self._rays * np.where(np.isfinite(fixed.depth), fixed.depth, 1.0)[:, None] - self._lamp_m
-            raster = _Raster(rays[fixed.lit] if fixed.lit.any() else self._rays, self.intrinsics.fx)
-            self._lamp_map = raster, raster.index(rays)
+            depth = np.where(np.isfinite(fixed.depth), fixed.depth, 1.0)
+            x, y, z = (self._rays[:, axis] * depth - self._lamp_m[axis] for axis in range(3))
+            across, down = x / z, y / z
+            shown = (across[fixed.lit], down[fixed.lit]) if fixed.lit.any() else _directions(self._rays)
+            raster = _Raster(*shown, self.intrinsics.fx)
+            self._lamp_map = raster, raster.index(across, down)
         return self._lamp_map
 
     def _cast(
@@ -240,12 +243,13 @@ class _Raster:
     CELL_PIXELS = 2.0
     MARGIN_CELLS = 4
 
-    def __init__(self, rays: Array, focal_px: float):
-        """Make the map that contains these directions (n, 3), in cells of ``CELL_PIXELS`` at this focal length."""
+    def __init__(self, x: Array, y: Array, focal_px: float):
+        """Make the map that contains these directions (n,), in cells of ``CELL_PIXELS`` at this focal length."""
         self.scale = focal_px / self.CELL_PIXELS
-        flat, margin = rays[:, :2] / rays[:, 2:], self.MARGIN_CELLS / self.scale
-        self.lower = flat.min(0) - margin
-        rows, columns = np.ceil((flat.max(0) + margin - self.lower) * self.scale).astype(int)[::-1] + 2
+        margin = self.MARGIN_CELLS / self.scale
+        self.lower = np.array([x.min(), y.min()]) - margin
+        upper = np.array([x.max(), y.max()]) + margin
+        columns, rows = np.ceil((upper - self.lower) * self.scale).astype(int) + 2
         self.shape = (int(rows), int(columns))
 
     def part(self, cells: NDArray[np.intp]) -> tuple[_Raster, NDArray[np.intp]]:
@@ -262,11 +266,15 @@ class _Raster:
         numbers = (row - top) * smaller.shape[1] + column - left
         return smaller, np.where(outside, smaller.shape[0] * smaller.shape[1], numbers)
 
-    def index(self, rays: Array) -> NDArray[np.intp]:
-        """Return the flat cell of each direction (n, 3); those off the map share a cell that is always cast."""
-        at = np.floor((rays[:, :2] / rays[:, 2:] - self.lower) * self.scale).astype(np.intp)
-        inside = ((at >= 0) & (at < self.shape[::-1])).all(-1)
-        return np.where(inside, at[:, 1] * self.shape[1] + at[:, 0], self.shape[0] * self.shape[1])
+    def index(self, x: Array, y: Array) -> NDArray[np.intp]:
+        """Return the flat cell of each direction (n,); those off the map share a cell that is always cast."""
+        rows, columns = self.shape
+        column, row = (
+            np.floor((values - lower) * self.scale).astype(np.intp)
+            for values, lower in zip((x, y), self.lower, strict=True)
+        )
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        return np.where(inside, row * columns + column, rows * columns)
 
     def covered(
         self, model: mujoco.MjModel, data: mujoco.MjData, solids: NDArray[np.intp], T_world_eye: SE3
@@ -294,11 +302,22 @@ class _Raster:
         return np.append(canvas.ravel() > 0, True)
 
 
+def _directions(rays: Array) -> tuple[Array, Array]:
+    """Return x/z and y/z, each (n,), of rays (n, 3); column by column, since numpy is slow along short axes."""
+    return rays[:, 0] / rays[:, 2], rays[:, 1] / rays[:, 2]
+
+
+def _squared(rays: Array) -> Array:
+    """Return the squared lengths (n,) of rays (n, 3)."""
+    return rays[:, 0] ** 2 + rays[:, 1] ** 2 + rays[:, 2] ** 2
+
+
 @lru_cache(maxsize=8)
 def _pixels(intrinsics: Intrinsics) -> tuple[Array, _Raster, NDArray[np.intp]]:
     """Return a lens's rays (n, 3), its map, and the cell (n,) of each ray; many worlds share a lens."""
     rays = pixel_rays(intrinsics).reshape(-1, 3)
-    raster = _Raster(rays, intrinsics.fx)
-    cells = raster.index(rays)
+    directions = _directions(rays)
+    raster = _Raster(*directions, intrinsics.fx)
+    cells = raster.index(*directions)
     cells.setflags(write=False)
     return rays, raster, cells

@@ -21,7 +21,7 @@ TICK_SERVOS = round(TICK_S / SERVO_S)
 
 
 class SimRobot(Driver):
-    """Arms in the simulated world. Encoders read the commanded side of the transmissions."""
+    """Arms in the simulated world. Encoders are on the motors' side of the transmissions."""
 
     def __init__(self, world: World, now_s: Callable[[], float]):
         super().__init__(now_s)
@@ -56,9 +56,10 @@ class SimRobot(Driver):
             self._world.step(SERVO_STEPS)
         now, readings = float(times[-1]), {}
         for name in self.names:
-            if name not in self._silent:  # an encoder does not see the offset of the jaws' cable
-                jaw_rad = self._world.jaw_rad(name) - self._jaws[name][0].offset_rad
-                readings[name] = JointReading(now, sent[name][0][-1].copy(), jaw_rad)
+            if name not in self._silent:
+                q, _, jaw, _ = sent[name]
+                jaw_rad = self._jaws[name][0].read(self._world.jaw_rad(name), float(jaw[-1]))
+                readings[name] = JointReading(now, q[-1].copy(), jaw_rad)
         self.note(now, readings)
 
     def _pull(self, name: str, q_cmd: Array, jaw_rad: float, over_s: float) -> None:

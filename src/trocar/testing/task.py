@@ -20,7 +20,8 @@ from trocar.eval.config import RunConfig
 from trocar.eval.method import METHODS
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
-from trocar.eval.task import draw_world, flag_of
+from trocar.eval.staged import draw_world
+from trocar.eval.task import flag_of
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.lab import SensorFlaws, Station, check_station, load_station

@@ -120,7 +120,7 @@ class Stiff(Transmission):
 
 @dataclass(frozen=True)
 class JawCable:
-    """Jaws that follow their command with a constant offset and with play.
+    """Jaws that follow their motor with a constant offset and with play.
 
     Attributes:
         offset_rad: true minus encoder angle, in one session.
@@ -139,3 +139,12 @@ class JawCable:
         """Return the angle to which a command pulls the jaws, and the new output of the play operator."""
         followed = min(max(followed_rad, jaw_rad - self.play_rad), jaw_rad + self.play_rad)
         return followed + self.offset_rad, followed
+
+    def read(self, jaw_rad: float, commanded_rad: float) -> float:
+        """Return what the motor's encoder reads while the fingers are at an angle.
+
+        The motor goes where it is commanded, until the fingers stop it: it is at most the play away from them. So the
+        encoder shows what the jaws closed on, but not by how much they open less than commanded.
+        """
+        without_offset = jaw_rad - self.offset_rad
+        return min(max(commanded_rad, without_offset - self.play_rad), without_offset + self.play_rad)

@@ -23,7 +23,7 @@ from trocar.tasks.peg_transfer.agents.wall import WallOpening
 from trocar.tasks.peg_transfer.goals import THERE, Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.perception import DepthView
 from trocar.tasks.peg_transfer.shapes import Block, Pegboard
-from two_armed import SETTINGS, Chooser, Wrapped, briefed, named, played, stuck
+from two_armed import SETTINGS, Chooser, briefed, named, played, stuck
 
 FIRST, SECOND = THERE[:2]
 EMPTY = Transfer(10, 4)
@@ -63,7 +63,7 @@ def test_jaws_open_beside_a_peg_no_further_than_lets_go_and_wide_only_over_the_p
 
 
 def test_jaws_that_have_loosened_their_grip_hold_until_they_are_told_to_open_and_then_open_sooner(clean):
-    lab, in_time, (score,) = play([FIRST], settings=replace(SETTINGS, tends_jaws=True))
+    lab, in_time, (score,) = play([FIRST], settings=replace(SETTINGS, loosens_jaws=True))
     assert in_time and score.succeeded
     released, before = ([span for span in played.log.spans if span.name == "jaw"][2] for played in (lab, clean[0]))
     sooner_s = (before.end_s - before.start_s) - (released.end_s - released.start_s)
@@ -71,23 +71,6 @@ def test_jaws_that_have_loosened_their_grip_hold_until_they_are_told_to_open_and
     truth = lab.truth()
     lowered = (truth.times_s > released.start_s - 0.3) & (truth.times_s <= released.start_s)
     assert truth.held_by["psm1"][lowered, FIRST.source].all()
-
-
-def test_jaws_make_up_for_the_play_that_their_encoder_shows():
-    class Slack(Wrapped):
-        """Jaws whose cable has play: they open by less than they are told to."""
-
-        async def jaw(self, name, angle_rad):
-            return await self.inner.jaw(name, angle_rad - 0.03 if angle_rad > 0 else angle_rad)
-
-    def opening_rad(lab):
-        closing = [span for span in lab.log.spans if span.name == "jaw"][1]
-        before = lab.truth().times_s <= closing.start_s
-        return lab.recorder.arrays()["true_psm1"][:, 6][before][-1]
-
-    tended, left = (play([FIRST], robot=Slack, settings=replace(SETTINGS, tends_jaws=tends)) for tends in (True, False))
-    assert opening_rad(tended[0]) == pytest.approx(SETTINGS.jaw_open_rad, abs=0.015)
-    assert opening_rad(left[0]) < SETTINGS.jaw_open_rad - 0.03
 
 
 def test_a_wall_that_is_held_by_its_rim_is_let_go_and_taken_again():

@@ -58,9 +58,8 @@ class Debrider:
         self.cell, self.name, self.s = arm.cell, arm.name, arm.s
         self._began_s, self._in_a_row, self._changes = 0.0, 0, 0
         self._is_home = self._looked_again = self._has_arrived = False
-        self._parted: Pending[bool | TrocarError] = (
-            Pending()  # whether the last fragment clings, or why that is unknown
-        )
+        # Whether the last fragment clings, or why that is unknown.
+        self._parted: Pending[bool | TrocarError] = Pending()
         self._released_of_s = 0.0  # when the handling of that fragment began
         self._look: tuple[float, int, Observation] | None = None  # when, how many had been taken, and what it showed
 

@@ -55,7 +55,7 @@ class Settings:
     # arms that look before placing keep the wrist still over the target: the receiving arm holds a block at any angle,
     # and turning it further costs clearance.
     fixed_wrist: bool = False
-    tends_jaws: bool = False  # jaws make up for their play, and loosen their grip while a block is lowered
+    loosens_jaws: bool = False  # jaws loosen their grip while a block is lowered
     looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest
     looks_before_placing: bool = False  # stop over the target, look how the block hangs in the jaws, lower it like that
     learns_offset: bool = False  # correct where the tip is by looks at blocks in the jaws
@@ -99,7 +99,7 @@ def quick() -> Settings:
     known of the walls, jaws must stall at .18 rad: on the rim of a usual wall they stall at .15, and lose the block.
     """
     return Settings(
-        perception_budget_s=0.085, planning_budget_s=0.06, settle_s=0.02, fixed_wrist=True, tends_jaws=True,
+        perception_budget_s=0.085, planning_budget_s=0.06, settle_s=0.02, fixed_wrist=True, loosens_jaws=True,
         jaw_empty_rad=0.18, learns_offset=True, retries=2, rounds=3,
     )  # fmt: skip
 

@@ -204,7 +204,7 @@ class Giver(Side):
                     return
                 await self.cell.clock.sleep(TICK_S)
             meeting.parted.set()
-            await self.arm.drive_jaw_open(self.arm.opening_rad(grasp))
+            await self.arm.hand.drive_jaw(self.arm.opening_rad(grasp))
 
         def begun() -> None:
             helpers.start_soon(part)
@@ -229,7 +229,7 @@ class Giver(Side):
     async def _put_back(self, T_tip_block: SE3, source: int) -> None:
         """Bring a block that was not taken back to its peg, if it is still in the jaws."""
         if self.arm.holds:
-            placed = await self.arm.carry(T_tip_block, source)
+            placed = await self.arm.carry(T_tip_block, None, source)
             if placed is not None:
                 self.table.blocks[source] = placed
         await self.arm.let_go()

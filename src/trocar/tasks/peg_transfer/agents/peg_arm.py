@@ -34,8 +34,6 @@ jaws that had truly opened by less than 0.07 rad more. Cables absorb 0.03 rad.""
 MOST_RELEASE_RAD = 0.46
 """Widest opening to release a block that was taken from the other arm, whose jaws left little choice of walls. On 16 of
 357 such blocks the jaws truly opened by less than 0.085 rad more; three of these went up again with the arm."""
-MAX_PLAY_RAD = 0.06
-"""Largest play for which jaws make up when they open, twice that of the cell's (0.03): narrower ones are blocked."""
 LOOSE_RAD = 0.03
 """Jaws that loosen their grip are commanded to close by this much more than they can."""
 BESIDE_M = 0.035
@@ -207,19 +205,20 @@ class PegArm:
     async def carry(
         self,
         T_tip_block: SE3,
+        source: int | None,
         target: int,
         ready: Carriage | None = None,
         begun: Callable[[Carriage], None] | None = None,
     ) -> SE3 | None:
         """Lift a block, travel and lower it; return where it should be now, or None if no pose is in reach.
 
-        ``ready`` is the motion, if already planned; it is planned again if it no longer fits. ``begun`` is called with
-        the motion when it begins.
+        ``source`` is the peg on which it still stands; None: it is in the air. ``ready`` is the motion, if already
+        planned; it is planned again if it no longer fits. ``begun`` is called with the motion when it begins.
         """
         hangs_over_target = False
         for margin_m in self.margins_m():
             if not hangs_over_target and (ready is None or not self._fits(ready, target)):
-                ready = await self.plan(lambda: self.motions.carriage(self.hand.q, T_tip_block, None, target))
+                ready = await self.plan(lambda: self.motions.carriage(self.hand.q, T_tip_block, source, target))
             if ready is None:
                 return None
             try:
@@ -229,7 +228,7 @@ class PegArm:
                         begun=begun and partial(begun, ready),
                         margin_m=margin_m,
                         departure=ready.departure,
-                        loosens=self.settings.tends_jaws,
+                        loosens=self.settings.loosens_jaws,
                     )
                     await self.hand.settle()
                 if not self.settings.looks_before_placing:
@@ -367,13 +366,7 @@ class PegArm:
         """Drive the jaws as soon as the arm has risen over the pegs, or its motion has ended."""
         while self.height_m < self.table.board.peg_height_m + AT_HEIGHT_M and not ended.is_set():
             await self.cell.clock.sleep(TICK_S)
-        await self.drive_jaw_open(jaw_rad)
-
-    async def drive_jaw_open(self, jaw_rad: float) -> None:
-        """Open the jaws while the arm moves; with ``tends_jaws``, make up for what they lack by their encoder."""
         await self.hand.drive_jaw(jaw_rad)
-        if self.settings.tends_jaws:
-            await self.hand.drive_jaw(jaw_rad + float(np.clip(jaw_rad - self.hand.jaw_rad, 0.0, MAX_PLAY_RAD)))
 
     async def _loosen(self, duration_s: float, ended: trio.Event) -> None:
         """Loosen the grip at the end of a motion, so that the jaws part as soon as they are told to.

@@ -252,7 +252,7 @@ class Receiver(Side):
             elif following is not None and self.settings.looks_ahead:
                 self.plan_ahead(carriage.path, following, helpers)
 
-        outcome = await self.script.deliver(T_tip_block, target, ready, begun)
+        outcome = await self.script.deliver(T_tip_block, None, target, ready, begun)
         if outcome is not TransferOutcome.DONE:
             meeting.fail(outcome)
         await (self.arm.let_go() if meeting.outcome else self.arm.open())

@@ -236,7 +236,7 @@ class OneArm:
             self._come(number + LEFT_SOURCE)
             self.look_ahead(helpers, carriage.path, following)
 
-        outcome = await self.deliver(T_tip_block, goal.target, ready, begun)
+        outcome = await self.deliver(T_tip_block, goal.source, goal.target, ready, begun)
         if outcome is TransferOutcome.DROPPED:
             await self.seen.take()  # a dropped block may be anywhere now
         elif outcome is TransferOutcome.DONE:
@@ -245,15 +245,23 @@ class OneArm:
         return outcome
 
     async def deliver(
-        self, T_tip_block: SE3, target: int, ready: Carriage | None, begun: Callable[[Carriage], None]
+        self,
+        T_tip_block: SE3,
+        source: int | None,
+        target: int,
+        ready: Carriage | None,
+        begun: Callable[[Carriage], None],
     ) -> TransferOutcome:
-        """Carry a block to its target; if the outcome is DONE, the jaws still hold it there."""
+        """Carry a block to its target; if the outcome is DONE, the jaws still hold it there.
+
+        ``source`` is the peg on which it still stands; None: it is in the air.
+        """
 
         def begins(carriage: Carriage) -> None:
             self.table.blocks[target] = carriage.T_board_placed
             begun(carriage)
 
-        place = await self.arm.carry(T_tip_block, target, ready, begins)
+        place = await self.arm.carry(T_tip_block, source, target, ready, begins)
         if place is None:
             return TransferOutcome.OUT_OF_REACH
         if not self.arm.holds:
