@@ -85,7 +85,7 @@ def read_measurements(root: Path) -> dict[str, Measurement]:
     for path, content in files.items():
         for name, given in content.get("measured", {}).items():
             if name in found:
-                raise TrocarError(f"measurement {name!r} of {str(path)!r} is declared twice; call one otherwise")
+                raise TrocarError(f"measurement {name!r} of {str(path)!r} is declared twice; rename one of them")
             try:
                 lists = {
                     "sources": _spread(given.pop("sources"), sources),

@@ -93,7 +93,7 @@ def measure_all(figures: Figures, given: argparse.Namespace) -> int:
     """Measure what was asked for, writing pages after each, and return the exit code."""
     unknown = [name for name in given.names if name not in figures.measurements]
     if unknown:
-        raise TrocarError(f"measurement {unknown[0]!r} is unknown; choose of {', '.join(figures.measurements)}")
+        raise TrocarError(f"measurement {unknown[0]!r} is unknown; choose one of {', '.join(figures.measurements)}")
     older = figures.older()
     asked = given.names or [name for name in figures.measurements if given.again or name in older]
     todo = [figures.measurements[name] for name in asked if figures.measurements[name].minutes <= given.at_most]

@@ -107,9 +107,9 @@ def test_a_trial_is_kept_before_a_person_is_asked_how_it_went(robot, tmp_path, m
     monkeypatch.setattr(trocar.cli.robot.typer, "confirm", lambda *_, **__: True)
     monkeypatch.setattr(trocar.cli.robot, "_tally", gone)
     config = RunConfig(PegTransfer(), method="uncalibrated", robot=robot)
-    with pytest.raises(typer.Abort):
+    with pytest.raises(typer.Exit) as stopped:
         run_robot(config, tmp_path / "out", strict=False, as_json=False, enable_motion=True, yes=False)
-    assert kept == ["trial_000.npz"]
+    assert kept == ["trial_000.npz"] and stopped.value.exit_code == 130
 
 
 def test_nothing_moves_unless_motion_is_enabled_and_somebody_agrees(robot, tmp_path, monkeypatch):

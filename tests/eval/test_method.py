@@ -148,7 +148,9 @@ def test_an_option_that_every_run_has_is_refused():
         stitches_per_s: float = option(1.0, "Mine too.", flag="seed")
 
     for kind, name in ((Seeded, "seed"), (Fast, "stitches_per_s")):
-        with pytest.raises(TrocarError, match=f"option '{name}' of task 'knitting' is already an option of every run"):
+        with pytest.raises(
+            TrocarError, match=f"option '{name}' of task 'knitting' is already an option of this command"
+        ):
             run_command(kind)
 
 

@@ -201,7 +201,7 @@ def test_failures_can_be_left_out_and_nothing_of_an_earlier_export_stays(trials,
     export_lerobot(trials, tmp_path, commanded=True)
     sent = episode_of(trials[0], commanded=True).columns[ACTION]
     assert np.array_equal(np.array(frames(tmp_path)[0][ACTION].to_pylist(), np.float32), sent)
-    with pytest.raises(InvalidInput, match="no trial that reached all its goals; drop --successes"):
+    with pytest.raises(InvalidInput, match="no trial that reached all its goals; keep trials"):
         export_lerobot(trials[1:2], tmp_path / "none", successes=True)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from made_episodes import short
 from trocar.arms import MOTION_LIMITS, fk
-from trocar.errors import InvalidValue
+from trocar.errors import InvalidInput
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
 from trocar.learn import replayed
@@ -67,7 +67,7 @@ def test_how_far_a_replay_was_off_is_measured_on_its_own_clock(data, slower):
 
 def test_a_replay_that_was_stopped_says_why(data):
     stopped = replace(short(), reason="psm1 leaves its box")
-    with pytest.raises(InvalidValue, match="psm1 leaves its box"):
+    with pytest.raises(InvalidInput, match="psm1 leaves its box"):
         deviations(stopped, Source(str(data)))
 
 

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.cli.run import RUN
+from trocar.cli.learn import DEMONSTRATIONS
+from trocar.cli.run import RUN, STUDY
 from trocar.cli.task_group import OF_RUN
 from trocar.errors import InvalidInput
 from trocar.eval import TASKS, option
 from trocar.eval.task import flag_of
 from trocar.registry import PLUGIN_MODULE, load_plugin
+from trocar.tasks.peg_transfer.task import PegTransfer
 from trocar.testing import CheckFailed, check_task
 from trocar.testing.task import (
     RESERVED,
@@ -86,9 +88,10 @@ def test_what_it_says_of_itself(dots):
 
 
 def test_every_option_of_a_run_is_known_to_be_taken(dots):
-    own = {flag_of(field) for field in (*fields(dots), *OF_RUN.values())}
-    taken = {word.removeprefix("--") for one in RUN.command(dots).params for word in one.opts if word not in own}
-    assert taken <= RESERVED
+    for group, task in ((RUN, dots), (DEMONSTRATIONS, dots), (STUDY, PegTransfer)):
+        own = {flag_of(field) for field in (*fields(task), *OF_RUN.values())} | {f"--{group.varied(task)}s"}
+        taken = {word.removeprefix("--") for one in group.command(task).params for word in one.opts if word not in own}
+        assert taken <= RESERVED
 
 
 def test_its_methods_name_planners_that_exist(dots):

@@ -77,7 +77,7 @@ def main() -> None:
     except OSError as error:
         what = f"{error.filename!r}: {error.strerror}" if error.filename else error.strerror or str(error)
         if error.errno in NO_NAME:
-            _end(2, f"that can be no file's name ({what}); give another")
+            _end(2, f"no file can have that name ({what}); give another")
         _end(3, f"the machine is in trouble ({what}); see to it and give the same command again")
     except KeyboardInterrupt as error:
         _end(130, str(error) or "stopped")

@@ -62,6 +62,8 @@ def analyse(
     from trocar.motion.analysis import analyse_joints
 
     check_out_folder(out, FILES, [recording])
+    if out is not None and recording.resolve() == (out / "motion.csv").resolve():
+        raise InvalidInput(f"--out {str(out)!r}", "would replace the recording that is read", "give another folder")
     for name, value in (("--rate", rate), ("--smoothness", smoothness)):
         if value is not None and not 0 < value < np.inf:
             raise InvalidValue(name, value, "give a number above 0")
@@ -89,14 +91,18 @@ def _measured(
     from trocar.motion.joint_table import read_joint_table
 
     if path.suffix == ".npz":
+        for option, given in (("--columns", columns), ("--rate", rate)):
+            if given:
+                raise InvalidInput(option, "has no effect on a trial, whose joints are known", f"drop {option}")
         return _of_trial(path, arm)
     model = ARMS.pick(arm) if arm else PSM_CLASSIC
     table = read_joint_table(path, rate)
     wanted = [name.strip() for name in columns.split(",") if name.strip()]
     usual = not wanted and all(name in table.names for name in JOINTS)
-    if arm and wanted and len(wanted) != len(JOINTS):
-        raise InvalidInput("--columns", f"names {len(wanted)} columns", "with --arm, name the six joints in order")
     chosen = wanted or (list(JOINTS) if usual else list(table.names))
+    if arm and len(chosen) != len(JOINTS):
+        problem = f"needs six joints, and {len(chosen)} columns would be analysed"
+        raise InvalidInput(f"--arm {arm}", problem, "name the joints in order with --columns, or drop --arm")
     of_arm = usual or (bool(arm) and len(chosen) == len(JOINTS))
     return tuple(chosen), table.columns(chosen, path), table.step_s, model if of_arm else None
 
@@ -150,7 +156,6 @@ def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], s
     from trocar.report.plot import draw_motion  # matplotlib only when needed
 
     make_folder(out)
-    write_json(out / "summary.json", summary, KIND)
     header, columns = ["t_s"], [summary["step_s"] * np.arange(summary["samples"])]
     for part, (names, found) in parts.items():
         jerk = np.vstack([found.jerk, found.jerk[-1:]])  # jerk is between samples: repeat the last
@@ -160,4 +165,5 @@ def _save(out: Path, parts: Mapping[str, tuple[tuple[str, ...], Derivatives]], s
             columns += [found.position[:, k], found.velocity[:, k], found.acceleration[:, k], jerk[:, k]]
     rows = ([f"{value:.9g}" for value in row] for row in np.column_stack(columns))
     write_table(out / "motion.csv", header, rows)
+    write_json(out / "summary.json", summary, KIND)
     draw_motion(parts, out / "motion.png")

@@ -15,7 +15,7 @@ from typer import Argument, Option
 from trocar.calibration.excitation import SAMPLES
 from trocar.cli.group import Result
 from trocar.cli.options import EnableMotion, Seed, Yes, need
-from trocar.cli.out_folder import default_folder, differing
+from trocar.cli.out_folder import check_out_folder, default_folder, differing
 from trocar.cli.progress import progress
 from trocar.cli.robot import about_motion, agreed
 from trocar.cli.task_group import OF_RUN
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 SESSION, COLLECTION, FIT = range(3)
 """Streams of randomness under the seed."""
 FLAWS, ROBOT, DIFFICULTY = (OF_RUN[name].metadata for name in ("flaws", "robot", "difficulty"))
+REPORT = "report of a calibration"
 ABOUT_OUT = "Folder for the files; default out/calibration-STATION-SEED-OPTIONS."
 
 
@@ -71,7 +72,11 @@ def collect(
     need("sim")
     of_cell = differing(collect, {"difficulty": difficulty, "flaw": flaw, "station": station})
     _require_one_kind(robot, of_cell, differing(collect, {"enable_motion": enable_motion, "yes": yes}))
-    given = {"rows": rows, "wide": wide, "fit": fit, "model": model, "fraction": fraction} | of_cell | {"station": ""}
+    given = (
+        {"arm": arm, "rows": rows, "wide": wide, "fit": fit, "model": model, "fraction": fraction}
+        | of_cell
+        | {"station": ""}
+    )
     from trocar.collect.chain import calibrated, collection_table
     from trocar.collect.collection import Collection  # the simulator is heavy
     from trocar.hardware.kinds import robot_of
@@ -85,6 +90,7 @@ def collect(
     collections = _collections(loaded, arm or list(loaded.arms), seed, rows, real=bool(robot), wide=wide)
     if fit:
         _check_fit(model, fraction, rows)
+    check_out_folder(folder, {"report.json": REPORT, "station.toml": "station"}, [source])
     make_folder(folder)
     if robot and not _agreed(robot, loaded, collections, folder, enable_motion=enable_motion, yes=yes):
         raise typer.Exit(1)
@@ -115,7 +121,7 @@ def collect(
         raise typer.Exit(130) from None
     summary = {"station": source, "seed": seed, "arms": figures}
     report, text = folder / "report.json", folder / "station.toml"
-    write_json(report, summary, "report of a calibration")
+    write_json(report, summary, REPORT)
     write_text(text, with_registered(station_text(source), bases), "station")
     files += [text, report]
     return Result(summary, ["files: " + ", ".join(map(str, files))], [collection_table(figures)])

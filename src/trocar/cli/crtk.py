@@ -32,7 +32,7 @@ Ros = Annotated[int | None, Option(help="1 or 2.", show_default="the station's, 
 Interface = Annotated[
     str | None, Option(help="Address of the network interface.", show_default="the station's, or 127.0.0.1")
 ]
-Peer = Annotated[list[str] | None, Option(metavar="HOST", help="Another machine to speak with (ROS 2).")]
+Peer = Annotated[list[str] | None, Option(metavar="HOST", help="Another machine to speak with (ROS 2); repeatable.")]
 Domain = Annotated[int | None, Option(help="ROS domain (ROS 2).", show_default="the station's, or ROS_DOMAIN_ID, or 0")]
 Master = Annotated[
     str | None,
@@ -100,8 +100,10 @@ def serve(
     peer: Peer = None,
     domain: Domain = None,
     master: Master = None,
-    speed: Annotated[float, Option(help="Seconds of the cell a second.")] = 1.0,
-    seconds: Annotated[float | None, Option(help="End after this time of the cell; default: with Ctrl-C.")] = None,
+    speed: Annotated[float, Option(help="Simulated seconds per real second.")] = 1.0,
+    seconds: Annotated[
+        float | None, Option(help="Stop after this many simulated seconds; default: with Ctrl-C.")
+    ] = None,
     plugin: Plugins = None,
 ) -> Result:
     """Be a robot that speaks CRTK over ROS 2 or 1: a simulated cell in real time, its cables' errors included.
@@ -286,7 +288,7 @@ def doctor(
     rows = [(check.of, check.name, check.verdict.value, check.found) for check in checks]
     end = f"{counted(len(failed), 'check')} of {len(checks)} failed" if failed else "nothing is wrong"
     lines = [
-        rich_table(f"{station}, {seconds:g} s", ("who", "check", "verdict", "what was found"), rows),
+        rich_table(f"{station}, {seconds:g} s", ("who", "check", "verdict", "what was found"), rows, text=4),
         *map(str, failed),
         end,
     ]

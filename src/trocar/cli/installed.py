@@ -69,11 +69,16 @@ def methods(task: Annotated[str, Argument(metavar="TASK", help="Name of a task."
     arms = example.working_arms(example.at(load_station(kind.station)))
 
     def name_of(thing: Any) -> str:
-        return thing.where if isinstance(thing, Lazy) else f"{thing.__module__}:{thing.__qualname__}"
+        if isinstance(thing, Lazy):
+            return thing.where
+        name = getattr(thing, "__qualname__", None)  # a partial function has none
+        return repr(thing) if name is None else f"{thing.__module__}:{name}"
 
     def shown(value: Any) -> Any:
-        numbers = plain(value)
-        return ",".join(f"{number:.4g}" for number in numbers) if isinstance(numbers, list | tuple) else numbers
+        found = plain(value)
+        if isinstance(found, list | tuple) and all(isinstance(item, int | float) for item in found):
+            return ",".join(f"{number:.4g}" for number in found)
+        return found if isinstance(found, str | int | float | None) else str(found)
 
     each = "the arm" if len(arms) == 1 else f"each of {len(arms)} arms"
     fitted = (

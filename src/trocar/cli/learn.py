@@ -19,7 +19,7 @@ from trocar.cli.run import Backend, Jobs, Scheduler, worked
 from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside
 from trocar.counting import counted
-from trocar.errors import InvalidInput, UnknownName
+from trocar.errors import TrocarError, UnknownName
 from trocar.eval import TASKS, Task
 from trocar.eval.config import RunConfig
 
@@ -70,12 +70,11 @@ def import_lerobot(
     for arm in recorded.actions:
         if arm not in config.laboratory.arms:
             raise UnknownName("arm of the data set", arm, config.laboratory.arms)
-    unusual = {"data": str(data), "episode": episode, "option": option or [], "difficulty": difficulty}
-    folder = out or default_folder(f"{config.method}-{task}-{seed}", unusual)
+    folder = out or default_folder(f"{config.method}-{task}-{seed}", config.unusual)
     with progress() as tick:
         wrong = list(play_run(config, folder, open_folder(config, folder), tick=tick))
     if wrong:
-        raise InvalidInput("the replay", wrong[0])
+        raise TrocarError(f"the replay failed: {wrong[0]}")
     trials, strange = load_trials(folder)
     for sentence in strange:
         beside().print(sentence, soft_wrap=True)

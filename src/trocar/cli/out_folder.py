@@ -62,7 +62,9 @@ def _digest(content: str | bytes) -> str:
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:8]
 
 
-def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequence[str | Path] = ()) -> None:
+def check_out_folder(
+    out: Path | None, files: Mapping[str, str], inputs: Sequence[str | Path] = (), option: str = "--out"
+) -> None:
     """Raise unless files can be written into a folder, which need not exist yet.
 
     A folder that does not exist is made and removed again, since only trying tells.
@@ -71,21 +73,22 @@ def check_out_folder(out: Path | None, files: Mapping[str, str], inputs: Sequenc
         out: the folder; None: nothing will be written.
         files: kind of each file by its name.
         inputs: files that are read.
+        option: that names the folder.
     """
     if out is None:
         return
     try:
         if out.exists() and not out.is_dir():
-            raise BadFile(out, "is a file", "give a folder", kind="--out")
+            raise BadFile(out, "is a file", "give a folder", kind=option)
         missing = [folder for folder in (out, *out.parents) if not folder.exists()]
         out.mkdir(parents=True, exist_ok=True)
         may_write = os.access(out, os.W_OK | os.X_OK)
         for folder in missing:
             folder.rmdir()
     except OSError as error:
-        raise blame(error)(f"--out {str(out)!r} cannot be made ({error.strerror}); give another folder") from None
+        raise blame(error)(f"{option} {str(out)!r} cannot be made ({error.strerror}); give another folder") from None
     if not may_write:
-        raise MachineError(f"--out {str(out)!r} cannot be written into; give another folder")
+        raise MachineError(f"{option} {str(out)!r} cannot be written into; give another folder")
     for name, kind in files.items():
         require_place(out / name, kind, inputs)
 

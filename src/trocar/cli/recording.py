@@ -135,7 +135,7 @@ def import_bag(
         raise InvalidValue("--settled", settled, "give seconds, 0 or more")
     if out is not None:
         require_file("--out", out, "recording", (".npz",), [bag])
-    check_out_folder(images, {})
+    check_out_folder(images, {}, option="--images")
     summary: dict[str, Any] = {"bag": str(bag)}
     lines: list[str] = []
     with open_bag(bag) as opened:

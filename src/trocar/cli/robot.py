@@ -45,27 +45,31 @@ def run_robot(
     asks = agreed(config.robot, about, enable_motion=enable_motion, yes=yes, as_json=as_json)
     folder = out or default_folder(f"{config.task.name}-{config.method}-{config.seed}", config.unusual)
     todo, stopped, left = open_folder(config, folder), False, False
-    for number, (session, index) in enumerate(todo):
-        if asks and not typer.confirm(f"trial {index}: is the table ready, and may the arms move?", err=True):
-            break
-        trial = run_on_robot(config, index, _tell, attendant)
-        path = trial_file(folder, session, index)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        set_aside(path)
-        trial.save(path)  # before the question: arms cannot repeat it
-        if asks:
-            trial.about["tally"] = _tally(len(trial.scores), trial.goal_noun)
-            trial.save(path)
-        stopped = trial.ended == STOPPED or (attendant is not None and bool(attendant.ended))
-        if stopped:
-            break
-        hurt = _lasting_faults(trial.events)
-        begins = number + 1 < len(todo) and not asks
-        if hurt and begins:  # a new connection would forget the faults
-            left = True
-            beside().print(f"no other trial is begun by itself after: {'; '.join(hurt)}")
-            break
-    all_succeeded = finish(folder, as_json, interrupted=stopped)
+    try:
+        for number, (session, index) in enumerate(todo):
+            if asks and not typer.confirm(f"trial {index}: is the table ready, and may the arms move?", err=True):
+                left = True
+                break
+            trial = run_on_robot(config, index, _tell, attendant)
+            path = trial_file(folder, session, index)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            set_aside(path)
+            trial.save(path)  # before the question: arms cannot repeat it
+            if asks:
+                trial.about["tally"] = _tally(len(trial.scores), trial.goal_noun)
+                trial.save(path)
+            stopped = trial.ended == STOPPED or (attendant is not None and bool(attendant.ended))
+            if stopped:
+                break
+            hurt = _lasting_faults(trial.events)
+            begins = number + 1 < len(todo) and not asks
+            if hurt and begins:  # a new connection would forget the faults
+                left = True
+                beside().print(f"no other trial is begun by itself after: {'; '.join(hurt)}")
+                break
+    except typer.Abort:  # Ctrl-C at a question
+        stopped = True
+    all_succeeded = finish(folder, as_json, interrupted=stopped or left)
     if stopped or left or (strict and not all_succeeded):
         raise typer.Exit(130 if stopped else 1)
 

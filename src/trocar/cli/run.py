@@ -42,10 +42,10 @@ CacheFolder = Annotated[
         show_default="~/.cache/trocar",
     ),
 ]
-ABOUT_RAISE = "Stop at an exception of the agent, which else ends its trial only."
+ABOUT_RAISE = "Stop at an exception of the agent, which otherwise ends only its trial."
 ABOUT_WATCH = "Open a page on which a person watches, stops, takes over; with --method person, does it all."
 ABOUT_CONFIRM = "With --watch: what a script needs the person's yes for."
-ABOUT_SPEED = "With --watch: seconds of the cell's clock a second; 0: no limit."
+ABOUT_SPEED = "With --watch: seconds of the cell's clock per real second; 0: no limit."
 ABOUT_DEVICES = "With --watch: TCP port of this machine on which devices may move arms; 0: any free one."
 ABOUT_POLICY = "With --method policy: a folder, FILE.py:function, module:function or tcp://HOST:PORT."
 Jobs = Annotated[int | None, Option(min=1, help="How many trials to run at once.", show_default="one per core")]
@@ -64,7 +64,7 @@ def run(
     out: Annotated[
         Path | None, Option(metavar="DIR", help="Folder for the files; default out/TASK-METHOD-SEED-OPTIONS.")
     ] = None,
-    jobs: Annotated[int, Option(help="How many trials to run at once, each in its own process.")] = 1,
+    jobs: Annotated[int, Option(min=1, help="How many trials to run at once, each in its own process.")] = 1,
     strict: Annotated[bool, Option("--strict", help="Exit with code 1 if a goal was missed.")] = False,
     raise_errors: Annotated[bool, Option("--raise", help=ABOUT_RAISE)] = False,
     cache: CacheFolder = None,

@@ -93,7 +93,7 @@ class TaskGroup(Group):
         taken = {one.name for one in parameters} | {flag for one in parameters for flag in _flags(one)}
         for name, field in own.items():
             if taken & {name, flag_of(field)}:
-                problem = "is already an option of every run"
+                problem = "is already an option of this command"
                 raise InvalidInput(f"option {name!r} of task {task.name!r}", problem, "give it another name")
         classes = (kind for kind in reversed(task.__mro__) if kind not in (Task, object))
         hints = {k: v for kind in classes for k, v in inspect.get_annotations(kind, eval_str=True).items()}

@@ -105,7 +105,7 @@ def export_lerobot(
             first = first or draft.same
             if draft.same != first:
                 problem = f"differs from those before it in its {_difference(first, draft.same)}"
-                remedy = "if one of them stopped before its first image, --successes leaves it out"
+                remedy = "if one of them stopped before its first image, leave out trials that missed a goal"
                 raise InvalidInput(f"session {trial.about['session']}, trial {trial.about['index']}", problem, remedy)
             draft.start(pool)
             waiting.append(draft)
@@ -116,7 +116,7 @@ def export_lerobot(
     if not written and not left_out:
         raise InvalidInput("the run", "has no trial of two frames or more", "see in its report why they stopped")
     if not written:
-        raise InvalidInput("the run", "has no trial that reached all its goals", "drop --successes")
+        raise InvalidInput("the run", "has no trial that reached all its goals", "keep trials that missed a goal, too")
     _remove_others(place, how, written)
     tick("writing episodes", len(trials), len(trials))
     write_meta(place, how, written, list(words.tasks), list(words.steps), list(words.phases))

@@ -86,7 +86,8 @@ def load_policy(policy: str, digest: str = "", timeout_s: float = 10.0) -> Itera
 def _parts(policy: str) -> tuple[str, str]:
     where, colon, name = policy.rpartition(":")
     if not (colon and where and name):
-        raise InvalidInput(f"policy {policy!r}", "does not exist", WHAT)
+        problem = "names no function" if Path(policy).is_file() else "does not exist"
+        raise InvalidInput(f"policy {policy!r}", problem, WHAT)
     return where, name
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.arms import fk
 from trocar.cell import MotionResult
-from trocar.errors import InvalidValue, UnknownName
+from trocar.errors import InvalidInput, UnknownName
 from trocar.eval.method import METHODS, AgentContext, Method
 from trocar.eval.trial import Trial
 from trocar.geometry import SE3
@@ -157,11 +157,11 @@ def deviations(trial: Trial, source: Source) -> tuple[dict[str, Deviation], dict
     recorded state is compared with the replay that much earlier.
 
     Raises:
-        InvalidValue: the replay did not come to its end; says why.
+        InvalidInput: the replay did not come to its end; says why.
     """
     told = next((event for event in trial.events if event["name"] == REPLAYED), None)
     if told is None:
-        raise InvalidValue("the replay", f"ended early ({trial.reason or trial.ended})", "see the trial")
+        raise InvalidInput("the replay", f"ended early ({trial.reason or trial.ended})", "see the trial")
     recorded = read_episode(source.data, source.episode)
     lag = _lag(recorded)
     frames_s = told["start_s"] + told["factor"] * np.array(told["frames_s"])

@@ -35,6 +35,7 @@ PLAIN = (bool, int, float, str, type(None))
 RESERVED = {
     *("out", "jobs", "strict", "raise", "cache", "enable-motion", "yes", "policy", "watch", "confirm", "speed"),
     *("devices", "plugin", "json", "quiet", "help", "config"),
+    *("methods", "backend", "scheduler", "report-only", "episodes", "failures", "layout"),  # of studies
 }
 """Options of every task's command besides those of ``RunConfig``."""
 IDLE_S = 0.5
