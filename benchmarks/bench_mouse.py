@@ -98,7 +98,7 @@ class Mouse(Person):
                     self.transfer(source, target)
             except BaseException as error:
                 self.wrong = error
-            page.press("I have done it")
+            page.press("Task done")
             while not self.watch.console._done.is_set():
                 time.sleep(0.1)
 

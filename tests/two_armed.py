@@ -22,7 +22,7 @@ from trocar.tasks.peg_transfer.goals import PegSet, Transfer
 from trocar.tasks.peg_transfer.perception import DepthView
 from trocar.tasks.peg_transfer.truth import TransferScore, score_transfers
 
-SETTINGS = Settings()
+SETTINGS = Settings(jaw_play_rad=0.0)  # the ideal laboratory has none
 
 
 class Wrapped:

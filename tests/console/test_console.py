@@ -10,6 +10,7 @@ from driven import ARM, HOME, PAPER, PlainArms
 from trocar.arms import fk
 from trocar.cell import SEAT, Cell, GoalOffer
 from trocar.console import Console
+from trocar.console.hand import CLOSED_RAD
 from trocar.errors import EmergencyStop, TooNear
 from trocar.geometry import SE3, SO3
 from trocar.log import CellLog
@@ -329,6 +330,25 @@ def test_an_arm_that_is_stopped_on_its_way_back_stays_in_the_persons_hands():
     assert max(np.diff(away)) < 1e-6, "it goes back, and not out again first"
 
 
+def test_an_arm_that_is_stopped_as_it_is_handed_back_does_not_move():
+    plan = [
+        (0.1, Said(Wish.TAKE, "a")),
+        (1.0, at(SE3.identity())),
+        (1.1, at(SHIFT)),
+        (3.0, Said(Wish.RETURN, "a")),
+        (3.0, Said(Wish.STOP)),
+        (5.0, Said(Wish.GO_ON)),
+        (6.0, Said(Wish.RETURN, "a")),
+    ]
+    desk = Desk(plan)
+    tips = desk.each_tick(lambda: (desk.arms.now_s(), desk.tip().translation_m))
+    assert desk.move()["a"].done
+    stopped = np.array([p for now_s, p in tips if 3.1 < now_s < 5.9])
+    np.testing.assert_allclose(stopped, np.tile(stopped[0], (len(stopped), 1)), atol=1e-12)
+    (back,) = desk.events("handed back")
+    assert back["time_s"] > 6.0
+
+
 def test_a_way_back_that_is_refused_leaves_the_arm_in_the_persons_hands(monkeypatch):
     plan = [
         (0.1, Said(Wish.TAKE, "a")),
@@ -355,10 +375,11 @@ def test_a_way_back_that_is_refused_leaves_the_arm_in_the_persons_hands(monkeypa
 
 def test_where_the_wrist_cannot_turn_any_further_the_tip_follows_in_place():
     turned = SE3.from_parts(SO3.exp(np.array([0.0, 2.5, 0.0])), SHIFT.translation_m)
-    desk = Desk([(0.1, at(SE3.identity())), (0.2, at(turned)), (2.0, Said(Wish.DONE))])
+    desk = Desk([(0.1, at(SE3.identity())), (0.2, at(turned)), (1.8, Said(Wish.RELEASE, "a")), (2.0, Said(Wish.DONE))])
     told = desk.told()
     np.testing.assert_allclose(desk.work(), SHIFT.translation_m, atol=1e-5)
     assert any("turns no further" in now.words for now in told)
+    assert "turns no further" not in told[-2].words, "once it was let go"
 
 
 def test_a_hand_far_outside_the_workspace_moves_nothing_and_is_told():
@@ -413,6 +434,50 @@ def test_jaws_close_at_once_and_open_after_a_while():
     assert opening[times < 1.05].max() <= 0.1 + 1e-9, "a slip opened them"
     assert opening[(times > 1.5) & (times < 2.0)].max() < 0.0, "they did not close"
     assert opening[(times > 2.0) & (times < 2.15)].max() < 0.0 and opening[-1] > 0.5
+
+
+def test_jaws_that_were_stopped_go_on_to_where_they_were_going():
+    plan = [(0.1, Said(Wish.TAKE, "a")), (1.0, Said(Wish.JAW, "a", 1.0)), (1.25, Said(Wish.STOP))]
+    desk = Desk([*plan, (2.0, Said(Wish.GO_ON)), (3.0, Said(Wish.EMERGENCY))])
+    jaws = desk.each_tick(lambda: (desk.arms.now_s(), desk.arms.driver.jaw_command_rad("a")))
+    with pytest.raises(EmergencyStop):
+        desk.move()
+    times, opening = np.array(jaws).T
+    stopped = opening[(times > 1.3) & (times < 2.0)]
+    assert 0.1 < stopped.min() == stopped.max() < ARM.jaw.upper - 0.1
+    assert opening[-1] == pytest.approx(ARM.jaw.upper)
+
+
+def test_jaws_close_though_the_script_had_begun_to_close_them():
+    desk = Desk([(0.13, Said(Wish.TAKE, "a")), (1.0, Said(Wish.JAW, "a", 0.0)), (2.0, Said(Wish.EMERGENCY))])
+    jaws = desk.each_tick(lambda: (desk.arms.now_s(), desk.arms.driver.jaw_command_rad("a")))
+    closed_rad = max(ARM.jaw.lower, CLOSED_RAD)
+
+    async def script():
+        await trio.sleep(0.1)
+        await desk.robot.jaw("a", closed_rad)
+
+    with pytest.raises(EmergencyStop):
+        desk.run(script)
+    times, opening = np.array(jaws).T
+    assert opening[(times > 0.5) & (times < 0.9)].min() > closed_rad + 0.05, "taking over stopped them"
+    assert opening[-1] == pytest.approx(closed_rad)
+
+
+def test_an_arm_is_handed_back_with_its_jaws_where_the_script_had_them_though_it_was_stopped_meanwhile():
+    plan = [(0.3, Said(Wish.TAKE, "a")), (1.0, Said(Wish.JAW, "a", 1.0)), (2.0, Said(Wish.RETURN, "a"))]
+    desk = Desk([*plan, (2.05, Said(Wish.STOP)), (3.0, Said(Wish.GO_ON))])
+    jaws = desk.each_tick(lambda: (desk.arms.now_s(), desk.arms.driver.jaw_command_rad("a")))
+
+    async def script():
+        await desk.robot.jaw("a", 0.0)
+        return await desk.robot.move({"a": MOTION})
+
+    assert desk.run(script)["a"].done
+    times, opening = np.array(jaws).T
+    assert opening[(times > 2.2) & (times < 2.9)].min() > 0.1, "not while it was stopped"
+    (back,) = desk.events("handed back")
+    assert back["time_s"] > 3.0 and opening[times >= back["time_s"]][0] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("asked_s", [1.9, 2.1])

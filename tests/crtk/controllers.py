@@ -4,7 +4,7 @@ Arguments: ``raven`` or ``crtk-1.0``, ROS, domain, master, and the joints at whi
 
 ``raven``: as uw-biorobotics/raven2 (branch crtk) does it. Seven joints, the last two those of the jaws; an increment is
 cut off at .0025 rad or .05 mm; ``setpoint_js`` repeats the last increment; nobody publishes ``/grasp1/setpoint_js``.
-What is off: each increment is taken, where a Raven keeps the last one that comes within its millisecond.
+What is off: each increment is cut off by itself, where a Raven adds up those of one millisecond and cuts off the sum.
 ``crtk-1.0``: a PSM with the messages that CRTK 1.1 renamed. It goes wherever it is sent at once.
 Both say ``ready`` when they publish, take ``STATE 1`` (homed) or ``STATE 0`` on stdin as what they are from then on,
 and say at their end, on SIGTERM, their joints, how many commands they took and how many increments they cut off.

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from trocar.arms import MotionLimits
-from trocar.crtk.arm import connect
+from trocar.crtk.arm import CrtkArm
 from trocar.hardware import HardwareLaboratory
 from trocar.hardware.arm import LoopSettings
 from trocar.lab import load_station
@@ -57,7 +57,7 @@ def drive(station_name, name, given):
             await cell.clock.sleep(0.01)
         sent.extend([*goal, 0.5])
 
-    with HardwareLaboratory(station, partial(connect, topics=topics), PATIENT) as laboratory:
+    with HardwareLaboratory(station, partial(CrtkArm, topics=topics), PATIENT) as laboratory:
         assert laboratory.run(script, 120.0)
         assert max(laboratory.robot.limit_use(name)) <= 1.001
     print(json.dumps(sent))

@@ -105,9 +105,9 @@ def test_what_its_controller_is_stops_it_for_good(says, fault, detail):
 
 
 def test_an_arm_that_does_not_listen_to_what_it_would_be_sent_is_not_connected():
-    alone = DOMAIN + 1  # connections of the tests before this one subscribe what others send
+    alone = DOMAIN + 1  # connections of the tests before this one subscribe to what others send
     topics = Topics(domain=alone, dialect=Dialect.CRTK_1_0, command=Command.MOVE)
-    deaf = "'psm1' does not subscribe /PSM1/move_jp and /PSM1/jaw/move_jp within"
+    deaf = "'psm1' does not subscribe to /PSM1/move_jp and /PSM1/jaw/move_jp within"
     with controller(domain=alone), pytest.raises(InvalidInput, match=re.escape(deaf)):
         CrtkArm("psm1", topics)
 

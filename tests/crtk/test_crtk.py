@@ -17,7 +17,7 @@ from crtk_partners import DOMAIN, said
 from crtk_partners import served as serving
 from trocar.arms import MotionLimits, fk
 from trocar.cli.crtk import doctor
-from trocar.crtk.arm import CrtkArm, connect
+from trocar.crtk.arm import CrtkArm
 from trocar.crtk.bus import open_bus, stamped
 from trocar.crtk.convert import pose_of, transform_of
 from trocar.crtk.doctor import Verdict, examine_arm
@@ -51,7 +51,7 @@ def bus():
 
 
 class Client:
-    """What any program would publish and subscribe for one arm."""
+    """What any program would publish and subscribe to for one arm."""
 
     def __init__(self, bus, topic="/PSM1"):
         self.out = {
@@ -92,7 +92,7 @@ def client(bus, served):
 
 def test_an_arm_over_the_network_keeps_the_promises_of_a_robot(served, client):
     slow = MotionLimits(ARM.limits.velocity / 4, ARM.limits.acceleration / 8)
-    with HardwareLaboratory(STATION, partial(connect, topics=TOPICS), PATIENT) as laboratory:
+    with HardwareLaboratory(STATION, partial(CrtkArm, topics=TOPICS), PATIENT) as laboratory:
         assert laboratory.run(lambda cell: check_robot(cell, "psm1", limits=slow), 120.0)
         assert max(laboratory.robot.limit_use("psm1")) <= 1.001
     end = said(served)

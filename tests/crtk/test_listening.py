@@ -9,7 +9,9 @@ pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from memory_bus import MemoryBus
 from trocar.crtk import listening
+from trocar.crtk.bus import stamped
 from trocar.crtk.listening import Listener, listen
+from trocar.crtk.messages import Image
 from trocar.lab import load_station
 from trocar.lab.topics import Topics
 
@@ -68,3 +70,14 @@ def test_what_has_been_heard_is_not_looked_through_for_garbage_meanwhile(heard_o
     machine = Machine(work_s=0.004, late_s=0.0)
     heard_on(machine)
     assert not any(machine.collects) and gc.isenabled()
+
+
+def test_images_are_kept_without_their_pixels_which_would_fill_the_memory():
+    bus = MemoryBus()
+    listener, topic = Listener(bus, STATION, TOPICS, [], ["overhead"]), "/overhead/color/image_raw"
+    sent = Image(stamped(), 2, 3, "rgb8", 0, 9, bytes(18))
+    bus.publisher(topic, Image).send(sent)
+    listener.take(1.7e9)
+    ((_, kept),) = listener.heard().messages[topic]
+    assert (kept.header, kept.height, kept.width, kept.encoding, kept.data) == (sent.header, 2, 3, "rgb8", b"")
+    assert len(sent.data) == 18, "other readers of the message still have them"

@@ -66,6 +66,19 @@ def test_a_renderer_that_has_ended_is_named_and_takes_only_the_images_with_it(mo
     assert cameras.files() == ({}, {}), "the trial is saved without them"
 
 
+def test_a_renderer_that_does_not_get_ready_is_ended_and_named(monkeypatch):
+    monkeypatch.setattr(served_camera, "open_bus", lambda topics: MemoryBus())
+    monkeypatch.setattr(served_camera, "START_S", 0.0)
+    cameras, done = ServedCameras(build_cell(load_station("peg-transfer"), seed=1), TOPICS, 0.0), []
+    does = {name: lambda *_, name=name: done.append(name) for name in ("start", "kill", "join")}
+    cameras._process = SimpleNamespace(**does)
+    theirs, cameras._theirs = cameras._theirs, SimpleNamespace(close=lambda: None)
+    with pytest.raises(MachineError, match="the process that renders images is not ready after 0 s"), cameras:
+        pass
+    assert done == ["start", "kill", "join"]
+    theirs.close()
+
+
 def test_a_served_camera_runs_freely_until_it_is_asked_and_then_answers_each_request_once():
     parts = {part: open_bus(TOPICS).subscriber(f"/overhead/{part}/image_raw", Image) for part in ("color", "depth")}
     came = {part: [] for part in parts}

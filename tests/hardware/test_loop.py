@@ -224,7 +224,11 @@ def test_a_stop_drops_what_was_to_take_over():
 def test_a_motion_from_elsewhere_or_of_a_moving_arm_is_refused():
     bench = Bench()
     bench.say(Start(1, {"a": there(GOAL, HOME)}))
-    assert isinstance(bench.tick().refused[0][1], StartMismatch)
+    ((_, refusal),) = bench.tick().refused
+    assert isinstance(refusal, StartMismatch) and "starts 0.900000 rad (or m) away" in str(refusal)
+    bench.say(Start(1, {"a": move_to(HOME, PAPER.velocity / 2, GOAL, PAPER)}))
+    ((_, refusal),) = bench.tick().refused
+    assert isinstance(refusal, StartMismatch) and "starts with another velocity than its set-point" in str(refusal)
     bench.say(Start(2, {"a": there()}))
     bench.tick(5)
     bench.say(Start(3, {"a": there()}))
@@ -266,9 +270,9 @@ def test_jaws_that_follow_another_command_do_not_stop_for_the_one_before():
 
 def test_an_arm_that_is_elsewhere_than_its_controller_says_is_sent_nothing():
     arm, sent = EchoArm(), []
-    arm.read = lambda: HardwareReading(HOME + 0.3, 0.1)
+    arm.read = lambda: HardwareReading(HOME + [0.04, 0, 0.02, 0, 0, 0], 0.1)  # the first is tolerated
     arm.send = lambda *what: sent.append(what)
-    with pytest.raises(ArmFault, match="nothing was sent yet") as told:
+    with pytest.raises(ArmFault, match=r"sent yet, and 'insertion' reads 0\.0200 m off") as told:
         HardwareLoop({"a": DrivenArm(ARM, PAPER)}, lambda name: arm, LoopSettings())
     assert told.value.fault is Fault.FOLLOWING and not sent
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import cache
+from types import MappingProxyType
 
 import msgspec.msgpack
 import numpy as np
@@ -14,6 +15,7 @@ from websockets.typing import Subprotocol
 
 from made_up_replay import made_up_replay
 from trocar.replay import Replay, ToolPath
+from trocar.view.console_view import ConsoleMoment, Standing
 from trocar.view.live import ArmFacts, Moment
 
 REPLAY = cache(lambda: made_up_replay(6.0))
@@ -41,6 +43,12 @@ def moment(tick, state="ENABLED", **more):
     facts = {"commanded by": "<nobody>"}
     arms = {arm: ArmFacts(state, "homed", facts) for arm in REPLAY().tools}
     return Moment(tick / 100, {"tick": np.array([[tick]])}, arms, "no tick was late", **more)
+
+
+def console_moment(tick, flaws=MappingProxyType({}), **standing):
+    """Return the moment of a tick, with the console's state."""
+    now = moment(tick)
+    return ConsoleMoment(now.time_s, now.arrays, standing=Standing(**{"words": "Runs", **standing}), flaws=flaws)
 
 
 def until(found, limit_s=60.0):

@@ -8,12 +8,11 @@ import pytest
 
 pytest.importorskip("viser")
 from browser import NAMES, browser, find_chromium
-from live_scene import REPLAY, MadeUpScene, until
-from live_scene import moment as plain
+from live_scene import REPLAY, MadeUpScene, console_moment, until
 
 from trocar.arms import ARMS, fk
 from trocar.geometry import SE3
-from trocar.view.console_view import ConsoleMoment, ConsoleView, Ghost, Level, Standing, Wish
+from trocar.view.console_view import ConsoleView, Ghost, Level, Wish
 from trocar.view.pulse import EVERY_S
 
 pytestmark = pytest.mark.skipif(
@@ -26,22 +25,17 @@ HANDLE = np.array([250, 46, 106])
 """The colour of a handle's first axis."""
 
 
-def moment(tick, **standing):
-    now = plain(tick)
-    return ConsoleMoment(now.time_s, now.arrays, standing=Standing(**{"words": "Runs", **standing}))
-
-
 class Open:
     """A page, the browser that shows it, and what was said there."""
 
     def __init__(self):
         self.said = []
-        self.view = ConsoleView(MadeUpScene(), "made up", moment(0), port=0, say=self.said.append)
+        self.view = ConsoleView(MadeUpScene(), "made up", console_moment(0), port=0, say=self.said.append)
         self.tick = 100
 
     def show(self, **standing):
         self.tick += 1
-        self.view.show(moment(self.tick, **standing))
+        self.view.show(console_moment(self.tick, **standing))
 
     def press(self, page, label):
         """Press the button with this label; return the wish that came."""
@@ -68,7 +62,7 @@ def opened():
         ("Stop", {}, Wish.STOP, ""),
         ("Go on", {"stopped": True}, Wish.GO_ON, ""),
         ("EMERGENCY", {}, Wish.EMERGENCY, ""),
-        ("I have done", {"works": True}, Wish.DONE, ""),
+        ("Task done", {"works": True}, Wish.DONE, ""),
         ("Take over", {}, Wish.TAKE, "psm1"),
         ("a third", {"hands": {"psm1": (np.zeros(3), np.array([1.0, 0, 0, 0]))}}, Wish.JAW, "psm1"),
         ("Hand", {"hands": {"psm1": (np.zeros(3), np.array([1.0, 0, 0, 0]))}}, Wish.RETURN, "psm1"),

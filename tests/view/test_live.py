@@ -12,10 +12,11 @@ pytest.importorskip("viser")
 from live_scene import REPLAY, MadeUpScene, messages, moment, until
 
 from trocar.errors import MachineError
-from trocar.geometry import SE3
+from trocar.geometry import SE3, SO3
 from trocar.replay import Contact
 from trocar.view.camera_panel import FOUND
-from trocar.view.live import LiveView, Picture, legend
+from trocar.view.film import STILL_M, STILL_RAD
+from trocar.view.live import TRAIL_S, LiveView, Picture, legend
 from trocar.view.live_page import LivePage
 from trocar.view.replay import notice
 
@@ -127,7 +128,49 @@ def test_another_trial_has_its_board_where_it_is():
 def test_while_the_clock_stands_nothing_is_kept(view):
     for _ in range(50):
         view.show(moment(100))
-    assert len(view._rows) == 2 and all(len(tip._points) <= 3 for tip in view._tips)
+    assert len(view._joints_at) == 3 and all(len(tip._points) <= 3 for tip in view._tips)
+
+
+def test_in_slow_motion_a_trail_has_few_points_and_ends_at_the_tip(view):
+    for tick in range(300, 560):  # 10 ms apart
+        view.show(moment(tick))
+    for tip in view._tips:
+        trail = np.array([time_s for time_s, _ in tip._points])
+        assert len(trail) < 0.4 * 260 and trail[0] == pytest.approx(trail[-1] - TRAIL_S, abs=0.04)
+        assert_allclose(tip._lines[1].points[-1, 1], REPLAY().tools[tip.arm].p_world_driven_m[559], atol=1e-6)
+
+
+def test_only_the_present_row_becomes_a_replay(view):
+    """The rows before it have been one already, and only their joints are needed again."""
+    rows = []
+
+    class Counting(MadeUpScene):
+        def shown(self, title, times_s, *about):
+            rows.append(len(times_s))
+            return super().shown(title, times_s, *about)
+
+    view.begin(Counting())
+    for tick in range(0, 200, 20):
+        view._due_s = 0.0
+        view.show(moment(tick))
+    assert rows == [1] * 10 and len(view._joints["psm1"]._joints.times_s) == 10
+
+
+@pytest.mark.parametrize(
+    ("step_m", "step_rad"), [((5e-6, 0, 0), 0.0), ((0, 0, 0), 25e-6)], ids=["moves slowly", "turns slowly"]
+)
+def test_a_body_is_moved_once_it_is_far_enough_from_where_it_is_drawn(view, step_m, step_rad):
+    shown = node(view, f"/bodies/{view._moving[0]}")
+    start_m, start = view._bodies._drawn_m.copy(), view._bodies._drawn_wxyz.copy()
+    drawn = []
+    for k in range(1, 41):
+        turn = SO3.axis("x", k * step_rad)
+        there = SE3.from_parts(turn @ SO3.from_quaternion(start), start_m + k * np.array(step_m))
+        view._bodies.place(there.translation_m.astype(np.float32), there.rotation.as_quaternion().astype(np.float32))
+        off_rad = (SO3.from_quaternion(shown.wxyz).inverse() @ there.rotation[0]).angle()
+        assert np.linalg.norm(shown.position - there.translation_m[0]) < 1.05 * STILL_M and off_rad < 1.05 * STILL_RAD
+        drawn.append((*shown.position, *shown.wxyz))
+    assert 5 <= len(set(drawn)) <= 10, "of 40 steps, each a fourth of what is seen"
 
 
 def test_what_perception_found_is_drawn_into_the_image(view):

@@ -14,7 +14,7 @@ from trocar.errors import InvalidInput, UnknownName
 
 JOINT_STATE = "sensor_msgs/JointState"
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
-"""Names of a PSM's joints, q1 to q6; ``outer_yaw`` (before dVRK 2) and ``psm1_yaw`` are understood as well."""
+"""Names of a PSM's joints, q1 to q6; ``outer_yaw`` (before dVRK 2.3) and ``psm1_yaw`` are understood as well."""
 COMMANDED = ("setpoint_js", "servo_jp", "move_jp")
 """CRTK's topics with commands, the most informative first: what the controller held, then what it was sent."""
 TARGETS = "move_jp"

@@ -207,8 +207,12 @@ class Console:
         finally:
             self.hands.pop(arm)
             self.latencies_s += hand.latencies_s
-        if jaw_rad is not None:
-            await cell.robot.jaw(arm, jaw_rad)
+        while jaw_rad is not None:
+            while self.stopped:
+                await self._changed.wait()
+            result = await cell.robot.jaw(arm, jaw_rad)
+            if not isinstance(result.cause, StoppedByPerson):
+                break
         cell.log.event("handed back", arm=arm)
         del self._scopes[arm]
         self._taken.discard(arm)
@@ -221,6 +225,8 @@ class Console:
         hand.release()
         cell.robot.hold(hand.arm)
         await cell.robot.rest(hand.arm)
+        if self.stopped:  # meanwhile
+            return False
         try:
             result = await cell.robot.move({hand.arm: hand.way_back()})
         except AlreadyThere:
@@ -274,6 +280,8 @@ class Console:
                 self._stop("")
             case Wish.GO_ON:
                 self.stopped = False
+                for lent in self.hands.values():
+                    lent.go_on()
             case Wish.EMERGENCY:
                 self._stop(said.value or "a person pressed the emergency stop")
             case Wish.LEFT if self.needed:  # nobody is left to hold an arm or to confirm a motion
@@ -287,7 +295,7 @@ class Console:
             case Wish.RELEASE if hand is not None:
                 hand.release(said.source)
             case Wish.JAW if hand is not None and not self.stopped:
-                hand.open_jaws(said.value)
+                hand.open_jaws(said.value, anew=not said.source)
             case Wish.LEVEL:
                 self.level = said.value
                 if not self._must_wait(self._question):
@@ -342,6 +350,11 @@ class Console:
     # state, for the page and for devices
 
     @property
+    def now_s(self) -> float:
+        """Return the time on the cell's clock; 0 before the first trial."""
+        return 0.0 if self.cell is None else self.cell.clock.now_s()
+
+    @property
     def standing(self) -> Standing:
         """Return the console's state for the page."""
         hands: dict[str, Any] = {}
@@ -354,17 +367,15 @@ class Console:
         if self.ended:
             return replace(now, words=f"Ended: {self.ended}", colour=BAD)
         if self.stopped:
-            return replace(now, words="Stopped: arms stay where they are until you let them go on", colour=BAD)
+            return replace(now, words="Stopped: arms stay where they are until you press Go on", colour=BAD)
         if self.hands:
-            words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle; let go to rest"
+            words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle; release it to stop the arm"
             return replace(now, words=words, colour=WAITS if refused else GOOD)
         if (question := self._question) is not None:
             words = f"Waits for your yes: {question.words}"
             asked = replace(now, asks=True, question=self._asked, choices=len(question.choices), ghosts=question.ghosts)
             return replace(asked, words=words, colour=WAITS)
-        return replace(
-            now, words="The clock stands" if self._paused else "Runs", colour=WAITS if self._paused else GOOD
-        )
+        return replace(now, words="Paused" if self._paused else "Runs", colour=WAITS if self._paused else GOOD)
 
     @property
     def state(self) -> Mapping[str, Any]:

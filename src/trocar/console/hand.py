@@ -54,6 +54,7 @@ class Hand:
         self._closed_rad, self._wide_rad = max(jaw.lower, CLOSED_RAD), jaw.upper
         self._jaw_rad = self._sent_rad = cell.robot.read(arm).jaw_rad if jaw_rad is None else jaw_rad
         self._jaw_since_s = 0.0
+        self._jaw_due = self._moves_jaws = False  # whether to send the opening, and whether one was ever sent
         self._answer = Answer()
         self.latencies_s: list[float] = []
         self.refused = ""
@@ -90,18 +91,23 @@ class Hand:
         """Note that this input (None: any) was released."""
         if self._input is not None and source in (None, self._input[2]):
             self._began = self._input = self._control = None
+            self.refused, self._answer = "", Answer()
 
     def stop(self) -> None:
         """Note that the arm was stopped: release the input, and drop jaw commands that were not sent yet."""
         self.release()
-        self._jaw_rad = self._sent_rad
+        self._jaw_rad, self._jaw_due = self._sent_rad, False
 
-    def open_jaws(self, share: float) -> None:
-        """Open the jaws to a share of their range; 0: close and press."""
+    def go_on(self) -> None:
+        """Note that the arm may move again: the jaws go on to where they were going."""
+        self._jaw_due = self._moves_jaws
+
+    def open_jaws(self, share: float, *, anew: bool = False) -> None:
+        """Open the jaws to a share of their range; 0: close and press. ``anew``: even if that was sent before."""
         wanted = self._closed_rad if share <= 0 else min(share, 1.0) * self._wide_rad
         if min(wanted, self._jaw_rad) <= self._sent_rad:  # tremor must not restart the dwell
             self._jaw_since_s = self._cell.clock.now_s()
-        self._jaw_rad = wanted
+        self._jaw_rad, self._jaw_due = wanted, anew or wanted != self._sent_rad
 
     def way_back(self) -> Trajectory:
         """Return the motion along the same path back to where the arm was taken over.
@@ -132,8 +138,8 @@ class Hand:
         if self._input is not None and self._input[2] and time.monotonic() - self._input[1] > SILENT_S:
             self.release()
         now_s = self._cell.clock.now_s()
-        if self._jaw_rad != self._sent_rad and (self._jaw_rad < self._sent_rad or now_s - self._jaw_since_s >= DWELL_S):
-            self._sent_rad = self._jaw_rad
+        if self._jaw_due and (self._jaw_rad <= self._sent_rad or now_s - self._jaw_since_s >= DWELL_S):
+            self._sent_rad, self._jaw_due, self._moves_jaws = self._jaw_rad, False, True
             if not self.held:  # else the next action includes the jaws
                 nursery.start_soon(self._cell.robot.jaw, self.arm, self._jaw_rad)
         q = self._cell.robot.setpoint(self.arm).q

@@ -28,6 +28,10 @@ from trocar.view.live_page import LivePage
 
 EVERY_S = 0.03
 """Wall-clock time between two moments: three ticks in real time."""
+STILL_S = 0.25
+"""The same, in addition, while the cell's clock is paused and the person says nothing: then nothing changes."""
+STATE_S = 0.02
+"""Wall-clock time between two states for devices."""
 OF_ANY_TRIAL = (Wish.STOP, Wish.GO_ON, Wish.EMERGENCY, Wish.LEFT, Wish.LEVEL, Wish.SPEED, Wish.PAUSE)
 """Wishes that count even between two trials; all others were meant for the trial that has ended."""
 IMAGE_PX = 480
@@ -62,9 +66,10 @@ class Watch:
         self._open = ExitStack()
         self._left_over: list[Said] = []
         self._inputs = None if inputs is None else Inputs(inputs, lambda: self._state)
-        self._state: Mapping[str, Any] = {"arms": {}}
         self.console, self.latencies_s = Console(level, speed), []
-        self._due_s, self._trials = 0.0, 0
+        self._state: Mapping[str, Any] = self.console.state
+        self._due_s, self._state_due_s, self._trials = 0.0, 0.0, 0
+        self._shown: tuple[float, bool, bool] | None = None  # the clock and what is asked, as the page shows them
 
     def __enter__(self) -> Watch:
         if self._inputs is not None:
@@ -116,7 +121,7 @@ class Watch:
             stopped=self.console.stopped,
         )
         console.latencies_s = self.latencies_s
-        self.console, self._scene = console, scenery
+        self.console, self._scene = console, None if self._page is None else scenery
         laboratory.wrap_robot(console.supervise)
         seated = {**laboratory.cell.assistants, SEAT: console}
         laboratory.cell = replace(laboratory.cell, assistants=seated)
@@ -124,7 +129,6 @@ class Watch:
             title = " ".join(part for part in (config.task.name, config.task.variant, config.method) if part)
             page = LivePage(scenery, title, self._moment(), self._port, opens=ConsoleView)
             self._page = self._open.enter_context(page)
-            self._scene = None
             self._told_address(self.address)
 
     async def wait(self, now_s: float) -> None:
@@ -146,16 +150,24 @@ class Watch:
 
     def _hear(self) -> list[Said]:
         heard, self._left_over = [*self._left_over, *(self._page.said() if self._page else [])], []
-        if self._page is not None and self._page.ended and self.console.needed:
+        if self._page is not None and self._page.ended and self.console.needed and not self.ended:
             heard.append(Said(Wish.EMERGENCY, value="the process that shows the page has ended"))
-        return [*heard, *(self._inputs.said() if self._inputs else [])]
+        heard += self._inputs.said() if self._inputs else []
+        self._shown = None if heard else self._shown
+        return heard
 
     def _show(self) -> None:
-        if self._inputs is not None:
-            self._state = self.console.state
         now = time.monotonic()
-        if self._page is not None and now >= self._due_s and self._page.waits:
-            self._due_s = max(self._due_s + EVERY_S, now)
+        if self._inputs is not None and now >= self._state_due_s:
+            self._state_due_s = now + STATE_S
+            self._state = self.console.state
+        if self._page is None or now < self._due_s:
+            return
+        shown = (self.console.now_s, self.console.asks, bool(self.ended))
+        if shown == self._shown and now < self._due_s + STILL_S:
+            return
+        if self._page.waits:
+            self._due_s, self._shown = max(self._due_s + EVERY_S, now), shown
             self._page.show(self._moment())
 
     def _moment(self) -> ConsoleMoment:

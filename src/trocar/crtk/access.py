@@ -23,7 +23,7 @@ TOGETHER_S = 1.0
 Message = TypeVar("Message")
 
 
-def usual(interface: str) -> tuple[str, ...]:
+def default_allowed(interface: str) -> tuple[str, ...]:
     """Return who may command if nobody is named: everybody on the loopback interface, nobody on another one."""
     return (ANYBODY,) if interface == LOOPBACK else ()
 

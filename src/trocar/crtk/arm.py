@@ -20,6 +20,7 @@ from trocar.crtk.dialect import (
     jaw_topic,
     joint_names,
     joints_in,
+    loop_settings,
     pose_kind,
     require_joints,
     state_kind,
@@ -36,7 +37,7 @@ from trocar.crtk.messages import (
     TwistStamped,
 )
 from trocar.errors import InvalidInput
-from trocar.hardware.arm import ArmFault, Fault, HardwareReading, LoopSettings
+from trocar.hardware.arm import ArmFault, Fault, HardwareReading
 from trocar.lab.topics import Command, Dialect, Topics
 
 CONNECT_S = 5.0
@@ -49,6 +50,8 @@ ALONE_S = 0.03
 HEARD_S = 0.5
 HEARD, HEARD_JAW_RAD = np.array([5e-3, 5e-3, 5e-4, 5e-3, 5e-3, 5e-3]), 5e-3
 """``HEARD_S`` after a new set-point, a controller that received it holds it to within this much (rad and m)."""
+UNITS = ("rad", "rad", "m", "rad", "rad", "rad")
+"""Units of the joints."""
 REMEMBERED = 500
 """Number of stamps of sent messages that are kept, to tell them from messages of others."""
 RAVEN_STEP = np.array([2.5e-3, 2.5e-3, 5e-5, 2.5e-3, 2.5e-3, 2.5e-3])
@@ -70,7 +73,7 @@ class CrtkArm:
 
     Raises:
         InvalidInput: the arm publishes nothing, does not subscribe to its commands, is not enabled and homed, is busy,
-            names other joints than its dialect's, or has its readings published by two programs.
+            has no instrument, names other joints than its dialect's, or has its readings published by two programs.
     """
 
     def __init__(self, name: str, topics: Topics):
@@ -93,12 +96,12 @@ class CrtkArm:
         self._last, self._jaw_last = np.full(6, np.nan), np.nan  # the last set-point
         self.behind = False  # whether a Raven's increments have not reached the set-point yet
         self._fault: ArmFault | None = None
-        self._cut, self._cut_s = False, float(topics.loop.get("stale_s", LoopSettings.stale_s))  # readings were too old
+        self._cut, self._cut_s = False, loop_settings(topics).stale_s  # whether readings were older than this
         self._alone_s = self._new_s = self._looked_s = time.monotonic()
         self._wait_for(topics, jaw, command)
         self._require_enabled()
         assert self._setpoint.last is not None
-        self._names = require_joints(self._dialect, self._setpoint.last.name, f"CRTK arm {self._name!r}")
+        self._names = self._require_joints(self._setpoint.last)
 
     def _wait_for(self, topics: Topics, jaw: str, command: str) -> None:
         topic, begun_s = self._topic, time.monotonic()
@@ -113,8 +116,10 @@ class CrtkArm:
             if not (silent or deaf) and waited_s > LISTEN_S:
                 break
             if (silent or deaf) and waited_s > CONNECT_S:
+                if self._measured.last is not None:
+                    self._require_joints(self._measured.last)  # without an instrument, the jaws publish nothing
                 said = [f"publishes no {' and no '.join(silent)}"] * bool(silent)
-                said += [f"does not subscribe {' and '.join(deaf)}"] * bool(deaf)
+                said += [f"does not subscribe to {' and '.join(deaf)}"] * bool(deaf)
                 problem = f"{' and '.join(said)} within {CONNECT_S:g} s on {topics.interface}"
                 remedy = "check that it runs, its namespace, interface and domain"
                 raise InvalidInput(f"CRTK arm {self._name!r}", problem, remedy)
@@ -125,6 +130,9 @@ class CrtkArm:
             raise InvalidInput(f"CRTK arm {self._name!r}", problem, f"end all but one that publish {topic}/measured_js")
         for source in self._others.values():
             source.take()  # forget what others sent before
+
+    def _require_joints(self, message: JointState) -> tuple[str, ...]:
+        return require_joints(self._dialect, message.name, f"CRTK arm {self._name!r}")
 
     def _take(self) -> None:
         for source in self._sources.values():
@@ -221,7 +229,9 @@ class CrtkArm:
         off_rad, topic = abs(jaw_in(jaw.last) - self._jaw_last), f"{self._topic}/setpoint_js"
         if (off <= HEARD).all() and off_rad <= HEARD_JAW_RAD:
             return None
-        held = f"{topic} is off what was sent by up to {off.max():.4f}, the jaws' by {off_rad:.4f}"
+        worst = int((off / HEARD).argmax())
+        joint = f"{joint_names(self._dialect)[worst]} by {off[worst]:.4f} {UNITS[worst]}"
+        held = f"{topic} is off what was sent, {joint}, the jaws by {off_rad:.4f} rad"
         if np.isnan([*off, off_rad]).any():
             held = f"{topic} or the jaws' tells no valid position"
         return ArmFault(self._name, Fault.FOLLOWING, f"{held}, {HEARD_S:g} s later")
@@ -267,7 +277,10 @@ class CrtkArm:
 
 
 def _commands(bus: Bus, topic: str, jaw: str, topics: Topics) -> dict[str, Subscriber[Any]]:
-    """Return subscribers of all topics on which an arm can be commanded, by their names."""
+    """Return subscribers of the topics on which others can command an arm, by their names.
+
+    ``servo_cs`` and ``servo_ci`` of dVRK 2.4 are not among them.
+    """
     poses = pose_kind(topics.dialect)
     twists = TransformStamped if topics.dialect is Dialect.RAVEN else TwistStamped  # its servo_cv is a transform
     kinds: dict[str, type[Any]] = {f"{topic}/state_command": StringStamped, f"{topic}/hold": Empty}
@@ -282,8 +295,3 @@ def _commands(bus: Bus, topic: str, jaw: str, topics: Topics) -> dict[str, Subsc
 def _stamp(message: Any) -> tuple[int, int]:
     header = getattr(message, "header", None)
     return (header.stamp.sec, header.stamp.nanosec) if isinstance(header, Header) else (-1, -1)
-
-
-def connect(name: str, topics: Topics) -> CrtkArm:
-    """Connect an arm; ``HardwareLaboratory`` takes ``functools.partial(connect, topics=station.crtk)``."""
-    return CrtkArm(name, topics)

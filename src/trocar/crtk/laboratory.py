@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 from functools import partial
-from typing import Any
 
-from trocar.crtk.arm import connect
+from trocar.crtk.arm import CrtkArm
 from trocar.crtk.camera import CrtkCamera
-from trocar.crtk.dialect import command_of
-from trocar.errors import UnknownName
-from trocar.hardware import HardwareLaboratory, LoopSettings
+from trocar.crtk.dialect import command_of, loop_settings
+from trocar.hardware import HardwareLaboratory
 from trocar.hardware.kinds import RobotKind
 from trocar.lab import Station
-from trocar.lab.topics import Dialect, Topics
-
-RAVEN_TICK_S = 0.005
-"""A Raven that has heard nothing for 10 ms leaves joint control (uw-biorobotics/raven2, branch crtk, rt_raven.cpp)."""
 
 
 def laboratory(station: Station, listener: Callable[[Mapping[str, object]], None] | None = None) -> HardwareLaboratory:
@@ -28,26 +21,10 @@ def laboratory(station: Station, listener: Callable[[Mapping[str, object]], None
     """
     settings, topics = loop_settings(station.crtk), station.crtk
     cameras = {name: CrtkCamera(name, camera.model_registered, topics) for name, camera in station.cameras.items()}
-    made = HardwareLaboratory(station, partial(connect, topics=topics), settings, cameras=cameras, listener=listener)
+    made = HardwareLaboratory(station, partial(CrtkArm, topics=topics), settings, cameras=cameras, listener=listener)
     for camera in cameras.values():
         camera.now_s = made.cell.clock.now_s
     return made
-
-
-def loop_settings(topics: Topics) -> LoopSettings:
-    """Return the loop's settings, as the station's table ``crtk.loop`` has them; a Raven's ticks are shorter.
-
-    Raises:
-        InvalidInput: it has no such setting, or the value is out of bounds.
-    """
-    kinds: dict[str, Any] = {field.name: type(field.default) for field in fields(LoopSettings)}
-    for name in topics.loop:
-        if name not in kinds:
-            raise UnknownName("the station's crtk.loop: setting", name, kinds)
-    usual: dict[str, Any] = {"tick_s": RAVEN_TICK_S} if topics.dialect is Dialect.RAVEN else {}
-    for name, value in topics.loop.items():  # numbers of a station's file are floats
-        usual[name] = int(value) if kinds[name] is int and float(value).is_integer() else value
-    return LoopSettings(**usual)
 
 
 def where(station: Station, arm: str) -> str:

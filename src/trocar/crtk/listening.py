@@ -6,7 +6,7 @@ import gc
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from trocar.crtk.bus import Bus, Endpoint, Subscriber
@@ -62,7 +62,7 @@ def heard_by(arm: str, topics: Topics) -> dict[str, type]:
     return kinds | {f"{topic}/state_command": StringStamped, f"{topic}/hold": Empty}
 
 
-def moving(arm: str, topics: Topics) -> tuple[str, ...]:
+def motion_prefixes(arm: str, topics: Topics) -> tuple[str, ...]:
     """Return the prefixes of all topics that move an arm."""
     topic = topics.of_arm(arm)
     places = (topic, jaw_topic(topics.dialect, topic))
@@ -129,11 +129,16 @@ class Listener:
             self._blind_s[now_s] = now_s - self._last_s
         self._last_s = now_s
         for topic, source in self._sources.items():
-            self._messages[topic] += [(now_s, message) for message in source.take()]
+            self._messages[topic] += [(now_s, _without_pixels(message)) for message in source.take()]
 
     def heard(self) -> Heard:
         """Return what has been heard so far."""
         return Heard(self._messages, self._bus.endpoints(), self._pause_s, self._blind_s, self._last_s)
+
+
+def _without_pixels(message: Any) -> Any:
+    """Return a message as it is kept: no check needs an image's pixels, which would fill the memory."""
+    return replace(message, data=b"") if isinstance(message, Image) else message
 
 
 def listen(listener: Listener, seconds: float) -> Heard:

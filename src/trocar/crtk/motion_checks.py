@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from trocar.crtk.dialect import jaw_topic, joint_names, plain_name
+from trocar.crtk.dialect import INSERT, NO_INSTRUMENT, jaw_topic, joint_names, loop_settings, plain_name
 from trocar.crtk.explaining import FRAME_M, FRAME_RAD, POSE_M, POSE_RAD, Cause, apart, frame_of, near
 from trocar.crtk.heard_arm import ArmHeard, Finding
-from trocar.crtk.laboratory import loop_settings
 from trocar.crtk.messages import JointState
 from trocar.geometry import shown
 from trocar.hardware.arm import DrivenArm, LoopSettings
@@ -65,6 +64,8 @@ def names(about: ArmHeard) -> Finding:
         if topic not in about.streams:
             continue
         one, count = about.streams[topic][-1][1], 1 if topic.startswith(f"{jaw}/") else len(wanted)
+        if NO_INSTRUMENT in one.name:
+            return Finding(False, f"{topic} has {', '.join(one.name)}: the arm has no instrument", INSERT)
         if len(one.position) < count or (count > 1 and len(one.position) > count):
             remedy = "choose the arm's model in the station's file, or its namespace"
             return Finding(False, f"{topic} has {len(one.position)} positions instead of {count}", remedy)

@@ -39,7 +39,7 @@ STATE_KEPT_S = 0.1
 received joints by then."""
 
 
-class ArmReport:
+class ArmTopics:
     """The topics that one arm publishes.
 
     Cartesian topics are of the tip, in the frame that each names: the station's world as registration found it, the

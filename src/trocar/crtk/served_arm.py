@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -24,16 +24,15 @@ from trocar.crtk.messages import (
     StringStamped,
     Time,
 )
-from trocar.crtk.reports import ArmReport
+from trocar.crtk.reports import ArmTopics
 from trocar.crtk.servo import SetPoints
 from trocar.errors import InvalidInput, InvalidValue, TrocarError
 from trocar.geometry import SE3
 from trocar.motion import move_to
 from trocar.motion.following import step_towards
 from trocar.robots import TICK_S
-from trocar.robots.driver import Driver
+from trocar.robots.driver import Completion, Driver
 from trocar.sim.laboratory import SimLaboratory
-from trocar.trajectory import Trajectory
 
 STREAMS = ("servo_jp", "servo_jr", "servo_cp")
 MOTIONS: dict[str, type] = {
@@ -77,8 +76,8 @@ class ServedArm:
         self._state, self._homed, self._busy = "ENABLED", True, 0
         self._told: tuple[str, bool, bool] | None = None
         self._answers_s: list[float] = []
-        self._report = ArmReport(model, bus, topic, T_world_base)
-        self._report.ratio(self._ratio)
+        self._out = ArmTopics(model, bus, topic, T_world_base)
+        self._out.ratio(self._ratio)
         kinds = MOTIONS | EFFORTS | {"hold": Empty, "state_command": StringStamped}
         kinds |= {"trajectory_j/set_ratio": Float64, "emulate_tool_present": Bool}
         self._in: dict[str, Subscriber[Any]] = {
@@ -99,20 +98,20 @@ class ServedArm:
     def tell(self, now_s: float) -> None:
         """Publish where the arm is; ``now_s`` is the machine's time of this tick."""
         goal = self._driver.setpoint(self._name).q if self._asked is None else self._asked
-        self._report.tick(now_s, self._name, self._driver, goal)
+        self._out.tick(now_s, self._name, self._driver, goal)
         if self.operating != self._told:
             self._tell_state()
 
     def _tell_state(self) -> None:
         self._told = self.operating
-        self._report.state(*self._told)
+        self._out.state(*self._told)
 
     def hear(self, nursery: trio.Nursery, now_s: float) -> None:
         """Execute the commands since the last tick; ``now_s`` is the machine's time of this tick."""
         if self._answers_s and now_s >= self._answers_s[0]:
             self._answers_s.pop(0)
             self._tell_state()
-        if self._report.has_new_readers():
+        if self._out.has_new_readers():
             self._answers_s = [now_s + later_s for later_s in (ANSWER_S, *AGAIN_S)]
         come = {what: messages for what, source in self._in.items() if (messages := source.take())}
         for what, messages in come.items():
@@ -122,12 +121,18 @@ class ServedArm:
         for message in come.get("state_command", ()):
             self._command(message.string)
             self._answers_s = sorted([now_s + ANSWER_S, *self._answers_s])
-        if "hold" in come:
-            self._hold()
         for message in come.get("trajectory_j/set_ratio", ()):
             self._set_ratio(message.data)
-        if self._state != "ENABLED" or not self._homed:
-            return
+        obeys = self._state == "ENABLED" and self._homed
+        if obeys:
+            self._execute(come, nursery)
+        if "hold" in come:  # after motions of the same tick: which came first is unknown, and to stop is safe
+            self._hold()
+        if obeys:
+            self._follow(now_s)
+
+    def _execute(self, come: Mapping[str, list[Any]], nursery: trio.Nursery) -> None:
+        """Start the motions that came, and of each kind of goal only the last; refuse what the arm cannot do."""
         for what in MOTIONS:
             messages = come.get(what, [])
             for message in messages if what in STREAMS else messages[-1:]:
@@ -135,7 +140,6 @@ class ServedArm:
                     self._do(what, message, nursery)
                 except TrocarError as error:
                     self._refuse(what, str(error))
-        self._follow(now_s)
 
     def _refuse(self, what: str, reason: str) -> None:
         self._laboratory.log.event("refused", arm=self._name, topic=what, reason=reason)
@@ -144,9 +148,10 @@ class ServedArm:
         if what.startswith("jaw/"):
             if len(message.position) != 1 or not np.isfinite(message.position[0]):
                 raise InvalidInput("the jaws' position", f"is {list(message.position)}", "give one finite angle")
-            completion = self._driver.start_jaw(self._name, message.position[0])
+            jaw = self._model.jaw
+            completion = self._driver.start_jaw(self._name, min(max(message.position[0], jaw.lower), jaw.upper))
             if what == "jaw/move_jp":
-                self._busy_until(completion.over.wait, nursery)
+                self._busy_until(completion, nursery)
             return
         now = self._driver.setpoint(self._name)
         if what.endswith("_cp"):
@@ -163,18 +168,18 @@ class ServedArm:
             limits = scaled if np.all(np.abs(now.velocity) < scaled.velocity) else self._limits
             if wrong := limit_violations(self._model, goal):
                 raise InvalidInput("the goal", f"is out of range: {'; '.join(wrong)}", "give one inside")
-            motion = move_to(now.q, now.velocity, goal, limits)
+            started = self._driver.start({self._name: move_to(now.q, now.velocity, goal, limits)})
             self._asked = goal
-            self._busy_until(lambda: self._move(motion), nursery)
+            self._busy_until(started[self._name], nursery)
 
-    def _busy_until(self, over: Callable[[], Awaitable[None]], nursery: trio.Nursery) -> None:
-        """Be busy until something is over; publish this at once, since it may be over within a tick."""
+    def _busy_until(self, completion: Completion, nursery: trio.Nursery) -> None:
+        """Be busy until a motion is over; publish this at once, since it may be over within a tick."""
         self._busy += 1
         self._tell_state()
 
         async def wait() -> None:
             try:
-                await over()
+                await completion.over.wait()
             finally:
                 self._busy -= 1
 
@@ -206,18 +211,11 @@ class ServedArm:
         self._asked = None
         self._driver.hold(self._name)
 
-    async def _move(self, motion: Trajectory) -> None:
-        try:
-            await self._driver.replace({self._name: motion})
-        except TrocarError as error:
-            self._asked = None
-            self._refuse("move", str(error))
-
     def _set_ratio(self, ratio: float) -> None:
         """Take another share of the limits for the arm's own motions."""
         if 0 < ratio <= 1:
             self._ratio = ratio
-            self._report.ratio(ratio)
+            self._out.ratio(ratio)
         else:
             self._refuse("trajectory_j/set_ratio", str(InvalidValue("the ratio", ratio, "give more than 0, at most 1")))
 

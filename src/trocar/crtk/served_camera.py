@@ -65,7 +65,11 @@ class ServedCameras:
             self._process.start()
             self._theirs.close()  # else neither end would notice that the other has gone
             deadline_s = time.monotonic() + START_S
-            while self._pending() and time.monotonic() < deadline_s:
+            while self._pending():
+                if time.monotonic() > deadline_s:
+                    self._process.kill()
+                    self._process.join(END_S)
+                    raise MachineError(f"the process that renders images is not ready after {START_S:g} s")
                 self._pipe.poll(0.05)
         return self
 

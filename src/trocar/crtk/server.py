@@ -10,7 +10,7 @@ import scipy.interpolate  # noqa: F401  # else the first motion would wait for i
 import trio
 
 from trocar.cell import Cell
-from trocar.crtk.access import AccessBus, usual
+from trocar.crtk.access import AccessBus, default_allowed
 from trocar.crtk.bus import Bus, open_bus
 from trocar.crtk.faults import Fault, FaultyBus
 from trocar.crtk.periods import Periods
@@ -64,7 +64,10 @@ class CrtkServer:
             FaultyBus(bus or open_bus(topics), faults, laboratory.session.station, topics),
         )
         bus = AccessBus(
-            planted, allowed or usual(topics.interface), lambda topic: planted.arm_of(topic)[0], laboratory.log.event
+            planted,
+            allowed or default_allowed(topics.interface),
+            lambda topic: planted.arm_of(topic)[0],
+            laboratory.log.event,
         )
         self.refused, self.movers = bus.refused, bus.movers
         self.arms = {

@@ -8,7 +8,7 @@ import numpy as np
 
 from trocar.crtk.convert import seconds
 from trocar.crtk.heard_arm import ArmHeard, Finding
-from trocar.crtk.listening import Message, heard_by, moving
+from trocar.crtk.listening import Message, heard_by, motion_prefixes
 from trocar.crtk.messages import ros_name
 
 RATE_HZ = 50.0
@@ -79,7 +79,7 @@ def commands(about: ArmHeard) -> Finding:
 
 def commanders(about: ArmHeard) -> Finding:
     """Judge whether two programs are ready to move the arm."""
-    begins = moving(about.arm, about.topics)
+    begins = motion_prefixes(about.arm, about.topics)
     clients = {one.client for one in about.heard.endpoints if one.publishes and one.topic.startswith(begins)}
     who = " and ".join(sorted(map(str, clients))) or "nobody"
     return Finding(len(clients) < 2, who, "end all but one of them before anything moves")

@@ -59,7 +59,7 @@ class HardwareArm(Protocol):
 
 
 Connect = Callable[[str], HardwareArm]
-"""Connects an arm by its name, in the loop's process: a module-level function, or a ``functools.partial`` of one."""
+"""Connects an arm by its name, in the loop's process: a module-level function or class, or a ``partial`` of one."""
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ class HardwareLaboratory:
         Args:
             station: names the arms, their limits, bases and workspaces.
             connect: connects an arm by its name; called in the loop's process, so it must be a module-level function
-                (or a ``functools.partial`` of one).
+                or class (or a ``functools.partial`` of one).
             settings: of the loop.
             cameras: by their names in the station, which has their poses.
             listener: called with each event of the log.

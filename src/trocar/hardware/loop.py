@@ -87,10 +87,12 @@ class HardwareLoop:
             self._velocity[name] = np.zeros(6)
             self._jaw_goals[name] = jaw_rad
             off = np.abs(np.array(self._devices[name].read().q, dtype=np.float64) - q)
-            if (off > arm.following(self.settings)).any():
-                joint = arm.model.joints[int(np.argmax(off - arm.following(self.settings)))].name
-                problem = f"nothing was sent yet, and {joint!r} reads {off.max():.4f} off what its controller holds"
-                raise ArmFault(name, Fault.FOLLOWING, problem)
+            most = arm.following(self.settings)
+            if (off > most).any():
+                worst = int(np.argmax(off - most))
+                joint = arm.model.joints[worst]
+                reads = f"{joint.name!r} reads {off[worst]:.4f} {joint.unit} off what its controller holds"
+                raise ArmFault(name, Fault.FOLLOWING, f"nothing was sent yet, and {reads}")
 
     def tick(self, late_s: float = 0.0) -> Report:
         """Send the next set-points, read and check the encoders; return the tick's report."""
@@ -116,7 +118,9 @@ class HardwareLoop:
         return self._report
 
     def close(self) -> None:
-        """Close the connections to the arms."""
+        """Close the connections to the arms; do nothing if they are closed."""
+        if self.closed:
+            return
         self.closed = True
         for device in self._devices.values():
             with contextlib.suppress(Exception):
@@ -191,7 +195,8 @@ class HardwareLoop:
             jump = float(np.abs(motion(first) - now.q).max())
             kick = np.abs(motion(first, 1) - now.velocity) - self._arms[name].limits.acceleration * self.settings.tick_s
             if jump > START_TOLERANCE or (kick > 0).any():
-                problem = f"starts {jump:.6f} rad (or m) away from its set-point, or comes too late to take over"
+                far = f"{jump:.6f} rad (or m) away from" if jump > START_TOLERANCE else "with another velocity than"
+                problem = f"starts {far} its set-point, or comes too late to take over"
                 return StartMismatch(name, problem, "plan it from its set-point")
         return None
 

@@ -56,7 +56,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class EmergencyStop:
-    """Bring all arms to rest, for good."""
+    """Bring all arms to rest; none moves until its fault is cleared."""
 
     detail: str = ""
 

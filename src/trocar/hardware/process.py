@@ -42,16 +42,19 @@ def serve(
     for name in FOR_THE_SCRIPT:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    importlib.import_module("scipy.interpolate")  # takes .13 s: later, the first set-points would be old
     try:
         loop = HardwareLoop(arms, connect, settings)
     except Exception as error:
         told.send(error if isinstance(error, TrocarError) else f"{type(error).__name__}: {error}")
         return
-    signal.signal(signal.SIGTERM, lambda *_: loop.inbox.put(Close()))
-    importlib.import_module("scipy.interpolate")  # takes .13 s, which would delay the first motion and its ticks
-    told.send(None)
-    with ahead_of_others(settings.priority):
-        _tick_until_closed(loop, said, told)
+    try:
+        signal.signal(signal.SIGTERM, lambda *_: loop.inbox.put(Close()))
+        told.send(None)
+        with ahead_of_others(settings.priority):
+            _tick_until_closed(loop, said, told)
+    finally:  # a mistake in a driver or in the loop ends this process, and must not leave a connection open
+        loop.close()
 
 
 def _tick_until_closed(loop: HardwareLoop, said: Connection, told: Connection) -> None:

@@ -101,8 +101,8 @@ def estimate(measured: Array, step_s: float, smoothness: float | None = None) ->
     """Return the motion behind one measured signal.
 
     After Hwang et al. 2022, section IV-E, which follows Todorov and Jordan (1998). Their program as printed leaves
-    the velocity at the start free and can meet every noisy sample exactly; this one is amended in two places (docs,
-    "Trajectory analysis"). It minimises, over positions p, velocities v and accelerations a::
+    the velocity at the start free and can meet every noisy sample exactly; this one is amended in two places
+    (docs/motion.md). It minimises, over positions p, velocities v and accelerations a::
 
         sum huber((q_t - p_t) / s) + sum huber(sqrt(w) (a_t+1 - a_t) T^2 / s)
         p_t+1 = p_t + v_t T + (2 a_t + a_t+1) T^2 / 6

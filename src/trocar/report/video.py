@@ -44,8 +44,8 @@ def draw_video(trial: Trial, path: str | Path, report: TaskReport, tick: Tick) -
 
 
 def _animation(trial: Trial, path: Path, report: TaskReport, tick: Tick) -> None:
-    times = np.arange(0.0, min(trial.duration_s, MAX_S * SPEED), SPEED / ANIMATED_FPS)
-    frames = [Image.fromarray(picture) for picture in _pictures(trial, report, SCALE, times, tick)]
+    times_s = _frames_until(min(trial.duration_s, MAX_S * SPEED), SPEED / ANIMATED_FPS)
+    frames = [Image.fromarray(picture) for picture in _pictures(trial, report, SCALE, times_s, tick)]
     how: dict[str, Any] = {"duration": round(1e3 / ANIMATED_FPS), "loop": 0, "quality": QUALITY, "method": 4}
     with writing(path, PICTURE) as draft:
         frames[0].save(draft, xmp=mark_of(PICTURE).encode(), save_all=True, append_images=frames[1:], **how)
@@ -53,12 +53,17 @@ def _animation(trial: Trial, path: Path, report: TaskReport, tick: Tick) -> None
 
 def _film(trial: Trial, path: Path, report: TaskReport, tick: Tick) -> None:
     require_encoder()
-    pictures = _pictures(trial, report, 1.0, np.arange(0.0, trial.duration_s, 1.0 / FPS), tick)
+    pictures = _pictures(trial, report, 1.0, _frames_until(trial.duration_s, 1.0 / FPS), tick)
     first = _even(next(pictures))
     with writing(path, PICTURE) as draft, mp4(draft, first.shape[:2], FPS, OPTIONS, mark_of(PICTURE)) as add:
         add(first)
         for picture in pictures:
             add(_even(picture))
+
+
+def _frames_until(end_s: float, every_s: float) -> NDArray[np.float64]:
+    """Return the times (k,) of frames, at least one: an agent that cannot start ends its trial at 0 s."""
+    return np.arange(0.0, max(end_s, every_s), every_s)
 
 
 def _pictures(

@@ -195,6 +195,7 @@ class ConsoleView(LiveView):
             self._speeds[f"x {moment.standing.speed:g}"] = moment.standing.speed
         self._handles: dict[str, Any] = {}
         self._question = 0
+        self._flaws_shown: Mapping[str, str] | None = None
         super().__init__(scene, title, moment, port)
         self.pulse = Pulse(lambda: self.server.get_clients().get(self._holder), lambda: say(Said(Wish.LEFT)))
         self.server.on_client_disconnect(self._left)
@@ -212,7 +213,9 @@ class ConsoleView(LiveView):
         super().show(moment)
         with self.server.atomic():
             self._show_standing(moment.standing)
-            self._flaws.content = box(table(moment.flaws, 220))
+            if moment.flaws != self._flaws_shown:  # they change once a trial
+                self._flaws_shown = moment.flaws
+                self._flaws.content = box(table(moment.flaws, 220))
         for picture in moment.images:
             self.show_image(picture)
 
@@ -226,16 +229,16 @@ class ConsoleView(LiveView):
             self._stop = self._add_button("Stop", "S", Wish.STOP, color="orange")
             self._go_on = self._add_button("Go on", "G", Wish.GO_ON, color="green", visible=False)
             self._add_button("EMERGENCY STOP", "X", Wish.EMERGENCY, color="red")
-            self._done = gui.add_button("I have done it: end the trial", visible=False)
+            self._done = gui.add_button("Task done: end the trial", visible=False)
             levels = {level.value: level for level in Level}
             clocks = {"pause": (Wish.PAUSE, True), "run": (Wish.PAUSE, False), "step .1 s": (Wish.STEP, STEP_S)}
             self._level = level = gui.add_dropdown("yes needed for", tuple(levels))
             self._speed = speed = gui.add_dropdown("speed", tuple(self._speeds))
             self._turns = clock = gui.add_button_group("clock", tuple(clocks))
-        self._done.on_click(lambda event: self._wish(event, Wish.DONE))
-        clock.on_click(lambda event: self._wish(event, *clocks[clock.value]))
-        level.on_update(lambda event: self._wish(event, Wish.LEVEL, levels[level.value]))
-        speed.on_update(lambda event: self._wish(event, Wish.SPEED, self._speeds[speed.value]))
+        self._pass_on(self._done.on_click, lambda _: (Wish.DONE, None))
+        self._pass_on(clock.on_click, lambda _: clocks[clock.value])
+        self._pass_on(level.on_update, lambda _: (Wish.LEVEL, levels[level.value]))
+        self._pass_on(speed.on_update, lambda _: (Wish.SPEED, self._speeds[speed.value]))
         with gui.add_folder("Arms", order=CONTROLS):
             self._arms = {arm: self._add_arm(arm) for arm in replay.tools}
         with gui.add_folder("Flaws of this cell", order=LAST, expand_by_default=False):
@@ -244,12 +247,12 @@ class ConsoleView(LiveView):
     def _add_button(self, label: str, key: Any, wish: Wish, **how: Any) -> Any:
         """Add a button with a hotkey; an answer concerns only what the page shows, not a later question."""
 
-        def press(event: Any) -> None:
-            self._wish(event, wish, self._question if wish in ANSWERS else None)
+        def made(_: Any) -> tuple[Wish, Any]:
+            return wish, self._question if wish in ANSWERS else None
 
         button = self.server.gui.add_button(f"{label} ({key})", **how)
-        button.on_click(press)
-        self.server.gui.add_command(label.capitalize(), hotkey=key).on_trigger(press)
+        self._pass_on(button.on_click, made)
+        self._pass_on(self.server.gui.add_command(label.capitalize(), hotkey=key).on_trigger, made)
         return button
 
     def _add_arm(self, arm: str) -> tuple[Any, Any, Any]:
@@ -258,10 +261,27 @@ class ConsoleView(LiveView):
         take = gui.add_button(f"Take over {arm}")
         back = gui.add_button(f"Hand {arm} back", visible=False)
         jaws = gui.add_button_group(f"jaws of {arm}", tuple(JAWS), visible=False)
-        take.on_click(lambda event: self._wish(event, Wish.TAKE, arm=arm))
-        back.on_click(lambda event: self._wish(event, Wish.RETURN, arm=arm))
-        jaws.on_click(lambda event: self._wish(event, Wish.JAW, JAWS[jaws.value], arm))
+        self._pass_on(take.on_click, lambda _: (Wish.TAKE, None), arm)
+        self._pass_on(back.on_click, lambda _: (Wish.RETURN, None), arm)
+        self._pass_on(jaws.on_click, lambda _: (Wish.JAW, JAWS[jaws.value]), arm)
         return take, back, jaws
+
+    def _pass_on(self, attach: Callable[[Any], Any], made: Callable[[Any], tuple[Wish, Any]], arm: str = "") -> None:
+        """Pass on a wish, and its value, whenever something happens on the page.
+
+        viser calls an async function at once and in the order of what happened. It would call another one from any of
+        its threads, too late: by then, a later wish may have come first, or the next moment set the value back.
+
+        Args:
+            attach: of viser's handle, such as its ``on_click``.
+            made: returns the wish and its value; called with viser's event.
+            arm: the arm that it concerns, if any.
+        """
+
+        async def happened(event: Any) -> None:
+            self._wish(event, *made(event), arm)
+
+        attach(happened)
 
     def _wish(self, event: Any, wish: Wish, value: Any = None, arm: str = "") -> None:
         """Pass on a wish of the browser that has the controls; ignore values that this program sets."""
@@ -312,16 +332,9 @@ class ConsoleView(LiveView):
             return
         if handle is None:
             handle = self.server.scene.add_transform_controls(f"/handles/{arm}", HANDLE_M, depth_test=False)
-            handle.on_update(lambda event: self._moved(arm, event))
+            self._pass_on(handle.on_update, moved, arm)
             self._handles[arm] = handle
         handle.position, handle.wxyz = where
-
-    def _moved(self, arm: str, event: Any) -> None:
-        handle = event.target
-        if event.phase == "end":
-            self._wish(event, Wish.RELEASE, arm=arm)
-        else:
-            self._wish(event, Wish.HOLD, Held(np.array(handle.position), np.array(handle.wxyz)), arm)
 
     def _show_ghost(self, arm: str, ghost: Ghost | None) -> None:
         """Draw a motion's path and the instrument at its end; remove those of an earlier motion."""
@@ -338,3 +351,10 @@ class ConsoleView(LiveView):
         there = Instrument(scene, f"{name} there", ghost.arm, GHOST, GHOST, opacity=CLEAR, cast_shadow=False)
         there.show(ghost.T_world_base, ghost.q, ghost.jaw_rad)
         self._ghosts[arm] = ghost, line, there
+
+
+def moved(event: Any) -> tuple[Wish, Held | None]:
+    """Return what an event of a handle wishes: the tip is held at a pose, or let go."""
+    if event.phase == "end":
+        return Wish.RELEASE, None
+    return Wish.HOLD, Held(np.array(event.target.position), np.array(event.target.wxyz))

@@ -8,7 +8,7 @@ import numpy as np
 
 from trocar.replay import Replay
 from trocar.view.film import Film
-from trocar.view.viewpoint import FIELD_RAD, Viewpoint, viewpoint
+from trocar.view.viewpoint import FIELD_RAD, CameraView, viewpoint
 
 if TYPE_CHECKING:
     from viser import CameraHandle, ClientHandle, ViserServer
@@ -17,7 +17,7 @@ TRIES, NEAR_M = 5, 1e-4
 """A viewpoint is sent up to this many times, until the browser's is this near: it may apply the initial one late."""
 
 
-def look_from(server: ViserServer, view: Viewpoint) -> None:
+def look_from(server: ViserServer, view: CameraView) -> None:
     """Set the initial view of the page."""
     camera = server.initial_camera
     camera.position, camera.look_at, camera.up = view.eye_m, view.target_m, (0.0, 0.0, 1.0)
@@ -40,7 +40,7 @@ class Framing:
 
     def __init__(self, replay: Replay, film: Film, live: bool) -> None:
         self._scene, self._live = (replay, film), live
-        self._view: Viewpoint | None = None
+        self._view: CameraView | None = None
         self._size, self._left = (0, 0), TRIES
 
     def aim(self, camera: CameraHandle) -> None:

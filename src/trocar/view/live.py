@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
@@ -19,6 +19,7 @@ from trocar.replay import Contact, Replay
 from trocar.view.camera_panel import reduced, with_outlines
 from trocar.view.film import shoot
 from trocar.view.joints_panel import Joints, add_joints
+from trocar.view.recent import Recent, add_recent
 from trocar.view.replay import notice
 from trocar.view.server import close_server, open_panel, open_server
 from trocar.view.stage import (
@@ -41,7 +42,7 @@ from trocar.view.stage import (
 from trocar.view.surroundings import add_ports, lay_table
 from trocar.view.timeline import WINDOW_S, LiveTimeLine, Span
 from trocar.view.trial_view import PANELS_PER_S, in_words
-from trocar.view.viewpoint import BESIDE_PANEL, Viewpoint, viewpoint
+from trocar.view.viewpoint import BESIDE_PANEL, CameraView, viewpoint
 
 TRAIL_S = 2.0
 """Duration of the part of a tip's path that is drawn."""
@@ -143,11 +144,11 @@ class LiveView:
 
     def __init__(self, scene: Scene, title: str, moment: Moment, port: int = 8080) -> None:
         self._scene, self._title = scene, title
-        self._rows: deque[Moment] = deque()
+        self._joints_at: Recent[Mapping[str, Mapping[str, NDArray]]] = deque()
         self._said: deque[str] = deque(maxlen=KEPT_EVENTS)
         self._due_s = 0.0
         self._clock: deque[tuple[float, float]] = deque()  # wall clock, cell's clock
-        replay = self._replay([moment])
+        replay = self._replay(moment)
         film = shoot(replay)
         view = viewpoint(replay, film, BESIDE_PANEL, live=True)
         self._moving, self._radius_m = film.bodies, 0.035 * view.radius_m
@@ -176,11 +177,8 @@ class LiveView:
 
     def show(self, moment: Moment) -> None:
         """Show the next moment."""
-        if self._rows and self._rows[-1].time_s == moment.time_s:  # the clock is paused
-            self._rows.pop()
-        self._rows.append(moment)
-        while self._rows[0].time_s < moment.time_s - WINDOW_S:
-            self._rows.popleft()
+        replay = self._replay(moment)
+        add_recent(self._joints_at, moment.time_s, replay.joints, WINDOW_S)
         for event in moment.events:
             self._note(float(event["time_s"]), in_words(event))  # type: ignore[arg-type]
         for touch in moment.contacts:
@@ -189,7 +187,6 @@ class LiveView:
         self._clock.append((moment.made_s, moment.time_s))
         while self._clock[0][0] < moment.made_s - RATE_S and len(self._clock) > 2:
             self._clock.popleft()
-        replay = self._replay([moment])
         with self.server.atomic():
             if self._anew:
                 self._draw_anew(replay)
@@ -201,13 +198,13 @@ class LiveView:
             self._show_contacts(moment)
             if time.monotonic() >= self._due_s:
                 self._due_s = time.monotonic() + 1.0 / PANELS_PER_S
-                self._show_panels(moment)
+                self._show_panels(moment, replay)
 
     def begin(self, scene: Scene) -> None:
         """Show another scene of the same arms from now on; its clock starts again at 0."""
         self._scene = scene
         self._anew = True
-        self._rows.clear()
+        self._joints_at.clear()
         self._said.clear()
         self._clock.clear()
         self._time_line.clear()
@@ -248,10 +245,8 @@ class LiveView:
         """Stop serving."""
         close_server(self.server)
 
-    def _replay(self, rows: list[Moment]) -> Replay:
-        times_s = np.array([row.time_s for row in rows])
-        arrays = {name: np.concatenate([row.arrays[name] for row in rows]) for name in rows[0].arrays}
-        return self._scene.shown(self._title, times_s, arrays, "measured")
+    def _replay(self, moment: Moment) -> Replay:
+        return self._scene.shown(self._title, np.array([moment.time_s]), moment.arrays, "measured")
 
     def _note(self, time_s: float, words: str) -> None:
         self._said.appendleft(f"<b>{time_s:.2f} s</b> {escape(words)}")
@@ -281,16 +276,17 @@ class LiveView:
         with gui.add_folder("Joints", order=JOINTS):
             self._joints = add_joints(gui, replay, ahead_s=0.0)
 
-    def _show_panels(self, moment: Moment) -> None:
+    def _show_panels(self, moment: Moment, replay: Replay) -> None:
         cards = [card(tip, moment.arms[tip.arm]) for tip in self._tips if tip.arm in moment.arms]
         clock = f"<b>{moment.time_s:.1f} s</b> &ensp; {self.rate:.2f} x real time &ensp; {escape(moment.clock)}"
         self._state.content = box(f"{clock}{self._legend}{''.join(cards)}")
         self._steps.visible |= bool(moment.begun)
         self._time_line.show(moment.time_s, moment.begun)
         self._events.content = box("<br>".join(self._said) or "none so far")
-        replay = self._replay(list(self._rows))
+        times_s = np.array([time_s for time_s, _ in self._joints_at])
         for arm, panel in self._joints.items():
-            joints = Joints.of(replay, arm)
+            rows = {kind: np.concatenate([at[arm][kind] for _, at in self._joints_at]) for kind in replay.joints[arm]}
+            joints = Joints.of(replace(replay, times_s=times_s, joints={arm: rows}), arm)
             assert joints is not None
             panel.renew(joints)
 
@@ -304,11 +300,10 @@ class Tip:
         off_m: distance between the true tip and the one by the encoders.
     """
 
-    def __init__(self, scene: Any, arm: str, colour: Rgb, replay: Replay, view: Viewpoint) -> None:
+    def __init__(self, scene: Any, arm: str, colour: Rgb, replay: Replay, view: CameraView) -> None:
         self.arm, self.colour, self.off_m = arm, colour, 0.0
         self._above_m = above_tips_m(replay, view)[arm]
-        self._points: deque[tuple[float, NDArray[np.float32]]] = deque()
-        self._points.append((-np.inf, self._places(replay)))
+        self._points: Recent[NDArray[np.float32]] = deque([(-np.inf, self._places(replay))])
         start = np.stack([self._points[0][1]] * 2)
         self._lines = [
             add_line(scene, f"/paths/{arm} {kind}", start[:, k], colour, width)
@@ -327,11 +322,7 @@ class Tip:
         """Draw a moment."""
         places = self._places(replay)
         self.off_m = float(np.linalg.norm(places[1] - places[0]))
-        if self._points[-1][0] == moment.time_s:  # the clock is paused
-            self._points.pop()
-        self._points.append((moment.time_s, places))
-        while len(self._points) > 2 and self._points[0][0] < moment.time_s - TRAIL_S:
-            self._points.popleft()
+        add_recent(self._points, moment.time_s, places, TRAIL_S)
         trail = np.stack([points for _, points in self._points])
         for k, line in enumerate(self._lines):
             line.points = segments(trail[:, k])

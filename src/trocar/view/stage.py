@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from trocar.geometry import SE3
 from trocar.replay import Contact, Replay
-from trocar.view.film import Film
+from trocar.view.film import STILL_M, STILL_RAD, Film
 from trocar.view.framing import frame_windows, look_from
 from trocar.view.mesh import Mesh, Rgba, body_parts
 from trocar.view.surroundings import add_ports, lay_table
-from trocar.view.viewpoint import ASPECT, LABEL, ROW, Viewpoint, viewpoint
+from trocar.view.viewpoint import ASPECT, LABEL, ROW, CameraView, viewpoint
 
 if TYPE_CHECKING:
     from viser import SceneApi, ViserServer
@@ -203,7 +203,7 @@ STEP_M = 1e-3  # a label stays in place while its arm moves less than this
 class ArmLabels:
     """A label over each arm's tip that says what the arm is doing."""
 
-    def __init__(self, scene: SceneApi, replay: Replay, film: Film, view: Viewpoint) -> None:
+    def __init__(self, scene: SceneApi, replay: Replay, film: Film, view: CameraView) -> None:
         paths = {arm: filled(path.p_world_driven_m) for arm, path in replay.tools.items()}
         above_m = above_tips_m(replay, view)
         self._places = {arm: p[film.ticks] + above_m[arm] for arm, p in paths.items() if p is not None}
@@ -227,7 +227,7 @@ def add_arm_label(scene: SceneApi, arm: str, place_m: NDArray) -> Any:
     )
 
 
-def above_tips_m(replay: Replay, view: Viewpoint) -> dict[str, NDArray[np.float64]]:
+def above_tips_m(replay: Replay, view: CameraView) -> dict[str, NDArray[np.float64]]:
     """Return the offset (3,) of each arm's label from its tip; heights alternate, so that labels overlap less."""
     return {
         arm: np.array([0.0, 0.0, (LABEL + ROW * (number % 2)) * view.radius_m])
@@ -280,7 +280,10 @@ class Contacts:
 
 
 class Bodies:
-    """Bodies at their poses, at first those of frame 0: nodes ``/bodies/NAME`` in the world's frame."""
+    """Bodies at their poses, at first those of frame 0: nodes ``/bodies/NAME`` in the world's frame.
+
+    A node is moved once its body is more than ``STILL_M`` or ``STILL_RAD`` from where it is drawn.
+    """
 
     def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
         self._scene, self._moved = scene, film.moved
@@ -291,6 +294,7 @@ class Bodies:
         self._still = [self._draw(body, parts[body], replay.T_world_body[body]) for body in still]
         first = {body: SE3.unchecked(replay.T_world_body[body].matrix[film.ticks[0]]) for body in film.bodies}
         self._nodes = [self._draw(body, parts[body], first[body]) for body in film.bodies]
+        self._drawn_m, self._drawn_wxyz = self._position_m[:, 0].copy(), self._wxyz[:, 0].copy()
 
     def remove(self) -> None:
         """Remove them from the scene."""
@@ -308,8 +312,11 @@ class Bodies:
 
     def place(self, position_m: NDArray[np.float32], wxyz: NDArray[np.float32]) -> None:
         """Move the film's bodies, in its order, to these positions (m, 3) and orientations (m, 4)."""
-        for node, position, turned in zip(self._nodes, position_m, wxyz, strict=True):
-            node.position, node.wxyz = position, turned
+        moved = np.linalg.norm(position_m - self._drawn_m, axis=1) > STILL_M
+        moved |= 2 * np.linalg.norm(wxyz - self._drawn_wxyz, axis=1) > STILL_RAD  # |dq| is half a small angle
+        for i in np.flatnonzero(moved).tolist():
+            self._nodes[i].position, self._nodes[i].wxyz = position_m[i], wxyz[i]
+        self._drawn_m[moved], self._drawn_wxyz[moved] = position_m[moved], wxyz[moved]
 
     def _draw(self, body: str, parts: dict[Rgba, Mesh], T_world_body: SE3) -> Any:
         """Add a body to the scene and return its node."""
@@ -354,7 +361,7 @@ class Stage:
             moment.show(frame)
 
 
-def set_up(server: ViserServer, replay: Replay, film: Film, view: Viewpoint, *, live: bool = False) -> None:
+def set_up(server: ViserServer, replay: Replay, film: Film, view: CameraView, *, live: bool = False) -> None:
     """Set view and light, and draw table and ports; each browser's view fits the shape of its window."""
     look_from(server, view)
     frame_windows(server, replay, film, live=live)
@@ -363,7 +370,7 @@ def set_up(server: ViserServer, replay: Replay, film: Film, view: Viewpoint, *, 
     add_ports(server.scene, replay, film)
 
 
-def light(scene: SceneApi, view: Viewpoint) -> None:
+def light(scene: SceneApi, view: CameraView) -> None:
     """Light a scene like a photo studio: one lamp that casts shadows, and a plain background.
 
     viser's own lamps are made for scenes of metres: their shadows begin centimetres behind the object that casts them.

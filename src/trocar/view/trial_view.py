@@ -134,7 +134,8 @@ class TrialView:
             self._menu = gui.add_dropdown("jump to", ("choose", *self.jumps))
             self._menu.on_update(self._chosen)
 
-    def _slid(self, event: Any) -> None:
+    async def _slid(self, event: Any) -> None:
+        # viser calls an async function at once: while it plays, the next frame sets the slider back
         if event.client is not None:  # moved by the user, not by this program
             self.show(self._slider.value)
 
@@ -147,7 +148,7 @@ class TrialView:
 def jumps(replay: Replay) -> dict[str, float]:
     """Return the time in s of each event, contact and missed goal, by its description, in order of time."""
     found = [(touch.time_s, f"contact: {said_of(touch)}") for touch in replay.contacts]
-    found += [(goal.end_s, f"missed: goal {goal.number}, {goal.arm}") for goal in replay.goals if goal.failed]
+    found += [(goal.end_s, f"missed: goal {goal.number + 1}, {goal.arm}") for goal in replay.goals if goal.failed]
     found += [(float(event["time_s"]), in_words(event)) for event in replay.events]  # type: ignore[arg-type]
     return {f"{at:.2f} s  {words}": at for at, words in sorted(found)}
 
@@ -158,9 +159,10 @@ def troubles(replay: Replay) -> list[float]:
 
 
 def in_words(event: Mapping[str, object]) -> str:
-    """Return an event as one line, without its time."""
+    """Return an event as one line, without its time; its goal, if any, counted from 1."""
     short = {k: v for k, v in event.items() if k not in ("name", "time_s") and isinstance(v, str | int)}
-    return ", ".join([str(event["name"]), *(f"{key} {value}" for key, value in short.items())])
+    counted = {k: v + 1 if k == "goal" and isinstance(v, int) else v for k, v in short.items()}
+    return ", ".join([str(event["name"]), *(f"{key} {value}" for key, value in counted.items())])
 
 
 def _panels(gui: GuiApi, replay: Replay) -> list[TimeLinePanel | ErrorPanel | CameraPanel | JointsPanel]:

@@ -33,7 +33,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Viewpoint:
+class CameraView:
     """A camera and what it looks at.
 
     Attributes:
@@ -53,7 +53,7 @@ class Viewpoint:
     front: NDArray[np.float64]
 
 
-def viewpoint(replay: Replay, film: Film, aspect: float = ASPECT, *, live: bool = False) -> Viewpoint:
+def viewpoint(replay: Replay, film: Film, aspect: float = ASPECT, *, live: bool = False) -> CameraView:
     """Return the viewpoint of a window of this aspect ratio.
 
     The workspace is where objects are, and tips near them. The camera looks across the line from arm to arm, or across
@@ -79,7 +79,7 @@ def viewpoint(replay: Replay, film: Film, aspect: float = ASPECT, *, live: bool 
         there = _eye(further, axes, aspect)
         if (centre - there) @ forward <= growth * (centre - eye) @ forward:
             wanted, eye = further, there
-    return Viewpoint(eye, eye + ((centre - eye) @ forward) * forward, centre, radius, right, front)
+    return CameraView(eye, eye + ((centre - eye) @ forward) * forward, centre, radius, right, front)
 
 
 def _eye(points_m: NDArray[np.float64], axes: NDArray[np.float64], aspect: float) -> NDArray[np.float64]:

@@ -42,6 +42,7 @@ class Settings:
     release_rad: float = 0.32  # least opening there
     taking_rad: float = 0.36  # opening of jaws that approach a block in the other arm's jaws
     jaw_closed_rad: float = -0.17  # target that lets the drive press
+    jaw_play_rad: float = 0.06  # by how much open jaws are narrower than their encoder says (``PegHand``)
     jaw_empty_rad: float = 0.15
 
     # Where the tip goes.

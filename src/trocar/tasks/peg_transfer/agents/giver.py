@@ -19,9 +19,6 @@ from trocar.tasks.peg_transfer.agents.unilateral import OneArm, Seen
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp
 
-HELD_RAD = 0.20
-"""Expected opening of jaws on a wall, for plans that are made before they close."""
-
 
 class Giver(Side):
     """Picks, offers and releases blocks, and puts back those not taken."""
@@ -78,7 +75,7 @@ class Giver(Side):
         T_tip_block = self.arm.motions.gripped(q, block)
 
         async def plan() -> tuple[TimedPath, Offer] | None:
-            found = partial(self._find_offering, q, T_tip_block, meeting.goal.source, HELD_RAD)
+            found = partial(self._find_offering, q, T_tip_block, meeting.goal.source)
             offering = await self.arm.plan(found)
             if offering is not None:
                 meeting.announce(offering[1].T_board_tip, T_tip_block)
@@ -86,11 +83,9 @@ class Giver(Side):
 
         self._offering.start(helpers, plan)
 
-    def _find_offering(
-        self, q: Joints, T_tip_block: SE3, source: int, held_rad: float | None = None
-    ) -> tuple[TimedPath, Offer] | None:
+    def _find_offering(self, q: Joints, T_tip_block: SE3, source: int) -> tuple[TimedPath, Offer] | None:
         """Return the motion that lifts a block and brings it to the handover, and the offer; None if there is none."""
-        geometry, motions = self.geometry(self.arm, self.other, held_rad), self.arm.motions
+        geometry, motions = self.geometry(self.arm, self.other), self.arm.motions
         offer = geometry.choose_offer(motions.tip(q), T_tip_block)
         if isinstance(offer, str):
             self.cell.log.event("no place", reason=offer)

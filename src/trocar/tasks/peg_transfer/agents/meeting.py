@@ -31,6 +31,8 @@ SHARES = (0.0, 0.5, 1.0)
 """Shares of the receiving arm's way down, and of the giving arm's way up, at which distances are checked."""
 NEAR_M, NEAR_RAD = 4e-3, np.radians(20.0)
 """Tips this close, seen from above, are at the same wall; if their rotations differ by less, it is the same grasp."""
+HELD_RAD = 0.20
+"""Expected opening of jaws on a wall, for plans that are made before they close."""
 ASIDE_M = 28e-3
 """How far towards its own side an arm waits for a block, or goes after it has given one."""
 
@@ -224,9 +226,9 @@ class Side:
         with self.cell.log.span(self.arm.name, "waiting"):
             await first_of(*events)
 
-    def geometry(self, giver: PegArm, receiver: PegArm, held_rad: float | None = None) -> HandoverGeometry:
-        """Return the geometry of a handover; ``held_rad``: opening of the giving jaws on the block, None: now."""
-        held_rad = giver.hand.jaw_rad if held_rad is None else held_rad
+    def geometry(self, giver: PegArm, receiver: PegArm) -> HandoverGeometry:
+        """Return the geometry of a handover; jaws that do not hold the block yet will be open by ``HELD_RAD``."""
+        held_rad = giver.hand.jaw_rad if giver.holds else HELD_RAD
         gives, takes = (
             Partner(arm.model, arm.motions.T_world_base, arm.motions.T_world_base_registered, open_rad, held_rad)
             for arm, open_rad in ((giver, self.settings.jaw_open_rad), (receiver, self.settings.taking_rad))

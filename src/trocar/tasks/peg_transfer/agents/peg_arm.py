@@ -18,11 +18,11 @@ from trocar.geometry import SE3
 from trocar.motion import TimedPath
 from trocar.perception.instrument import sight
 from trocar.robots import TICK_S
-from trocar.robots.arm_script import ArmScript
 from trocar.robots.concurrency import together
 from trocar.robots.coordinator import Blocked, Coordinator
 from trocar.robots.driver import JAW_REST_S
 from trocar.robots.traffic import NEVER, Departure
+from trocar.tasks.peg_transfer.agents.hand import PegHand
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Carriage, Motions, starts_at
 from trocar.tasks.peg_transfer.agents.table import Eyes, Table
 from trocar.tasks.peg_transfer.grasps import Grasp
@@ -69,7 +69,7 @@ class PegArm:
     def __init__(self, context: AgentContext, name: str, table: Table, coordinator: Coordinator):
         self.cell, self.settings, self.goals = context.cell, context.settings, context.goals
         self.table, self.coordinator = table, coordinator
-        self.hand = ArmScript(context.cell, name, context.settings.settle_s)
+        self.hand = PegHand(context.cell, name, context.settings.settle_s, jaw_play_rad=context.settings.jaw_play_rad)
         self.motions = Motions(context, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.bound_for, self.stopped = self.home, False
