@@ -59,7 +59,7 @@ class Wish(Enum):
     JAW = "the jaws of an arm open to this share of their range"
     LEVEL = "a script needs a yes for this"
     SPEED = "the clock runs at this speed"
-    PAUSE = "the clock stands, or runs again: whether it stands"
+    PAUSE = "pause the clock, or let it run again: whether it is paused"
     STEP = "the clock advances by this time"
     DONE = "the person has done what there is to do"
     LEFT = "the page that held the controls is gone, or does not answer any more"
