@@ -198,7 +198,7 @@ BAD = [
     *each("report", "badtrial; cuttrial; damagedtrial; otherrun"),
     "analyse folder -> recording 'folder' is a folder; give a CSV file",
     *each("analyse", "path.csv --columns q7 -> no column 'q7'"),
-    *each("analyse", "path.csv --columns q1,q2 --arm psm-si -> name the six joints"),
+    *each("analyse", "path.csv --columns q1,q2 --arm psm-si -> name the joints in order"),
     *each("analyse", "path.csv --arm crane -> choose one of psm-classic; path.csv --smoothness 0 -> --smoothness is 0"),
     *each("analyse", "path.csv --rate -1 -> --rate is -1"),
     *(f"{FIT} {name}.npz --out m.npz" for name in BAD_ARRAYS),

@@ -352,7 +352,7 @@ def test_what_takes_long_can_be_left_out(repository, capsys):
 
 def test_what_cannot_be_is_told_in_a_sentence(repository, capsys):
     assert figures.main(["measure", "love"], repository) == 2
-    assert "measurement 'love' is unknown; choose of drops, speed" in capsys.readouterr().err
+    assert "measurement 'love' is unknown; choose one of drops, speed" in capsys.readouterr().err
     (repository / "docs/figures/tables/all.md.j2").write_text("{{ drops.rates }}")
     figures.main(["measure"], repository)
     assert figures.main(["check"], repository) == 1

@@ -19,7 +19,7 @@ from trocar.cli.run import Backend, Jobs, Scheduler, worked
 from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside
 from trocar.counting import counted
-from trocar.errors import TrocarError, UnknownName
+from trocar.errors import InvalidInput, UnknownName
 from trocar.eval import TASKS, Task
 from trocar.eval.config import RunConfig
 
@@ -74,7 +74,7 @@ def import_lerobot(
     with progress() as tick:
         wrong = list(play_run(config, folder, open_folder(config, folder), tick=tick))
     if wrong:
-        raise TrocarError(f"the replay failed: {wrong[0]}")
+        raise InvalidInput("the replay", f"failed: {wrong[0]}")
     trials, strange = load_trials(folder)
     for sentence in strange:
         beside().print(sentence, soft_wrap=True)
