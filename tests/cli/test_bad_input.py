@@ -201,6 +201,11 @@ BAD = [
     *each("analyse", "path.csv --columns q1,q2 --arm psm-si -> name the joints in order"),
     *each("analyse", "path.csv --arm crane -> choose one of psm-classic; path.csv --smoothness 0 -> --smoothness is 0"),
     *each("analyse", "path.csv --rate -1 -> --rate is -1"),
+    *each(
+        "analyse", "trial.npz --rate 100 -> --rate has no effect on a trial; trial.npz --columns q1 -> --columns has"
+    ),
+    "recording import some.bag --images file -> --images 'file' is a file; give a folder",
+    f"{RUN} --method policy --policy path.csv -> policy 'path.csv' names no function",
     *(f"{FIT} {name}.npz --out m.npz" for name in BAD_ARRAYS),
     *(f"{FIT} {name}.npz --out m.npz" for name in ("short", "unequal", "five", "nan", "allbad", "other", "damaged")),
     *each(FIT, "folder --out m.npz; halfdata --out m.npz; recording.npz --out m.npz --model gru"),

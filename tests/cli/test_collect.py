@@ -94,6 +94,13 @@ def test_an_interrupted_collection_goes_on_to_the_same_files(done, station, troc
         assert (folder / name).read_bytes() == (done[0] / name).read_bytes(), name
 
 
+def test_nothing_is_collected_if_a_file_that_is_read_would_be_replaced(station, trocar, tmp_path):
+    mine = tmp_path / "station.toml"
+    mine.write_text(station.read_text())
+    code, _, err = trocar(*words_of(mine, tmp_path))
+    assert code == 2 and "station.toml" in err and list(tmp_path.iterdir()) == [mine]
+
+
 def test_a_folder_of_another_collection_is_refused(done, station, trocar):
     for other in (("--seed", 3), ("--difficulty", "harsh")):
         code, _, err = trocar(*words_of(station, done[0], "--no-fit", *other))

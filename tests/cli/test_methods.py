@@ -1,8 +1,11 @@
 """What methods are made of, and the cache of calibrations."""
 
 import json
+from dataclasses import dataclass, field
+from functools import partial
 
 from synthetic import config
+from trocar.eval.method import METHODS, Method
 from trocar.eval.prepare import CACHE, prepare
 
 
@@ -21,6 +24,19 @@ def test_methods_are_described_with_their_cost_and_settings(trocar):
     assert debridement["best"]["robot"].startswith("wrapped by trocar.tasks.debridement")
     code, _, error = trocar("methods", "peg-transfr")
     assert code == 2 and "did you mean 'peg-transfer'" in error
+
+
+def test_a_method_of_ones_own_is_described_whatever_its_agent_and_settings_are(trocar, registries):
+    @dataclass(frozen=True)
+    class Kinds:
+        words: tuple[str, ...] = ("a", "b")
+        table: dict = field(default_factory=lambda: {"a": 1})
+
+    METHODS.register("peg-transfer/mine", Method("mine", partial(print, "mine"), Kinds))
+    code, out, err = trocar("methods", "peg-transfer", "--json")
+    assert code == 0, err
+    mine = json.loads(out)["methods"]["mine"]
+    assert "print" in mine["agent"] and mine["settings"] == {"words": "('a', 'b')", "table": "{'a': 1}"}
 
 
 def test_the_cache_is_listed_and_emptied(trocar, tmp_path, monkeypatch):

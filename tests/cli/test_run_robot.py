@@ -112,6 +112,25 @@ def test_a_trial_is_kept_before_a_person_is_asked_how_it_went(robot, tmp_path, m
     assert kept == ["trial_000.npz"] and stopped.value.exit_code == 130
 
 
+@pytest.mark.parametrize(("answer", "code"), [(False, 1), (typer.Abort(), 130)])
+def test_a_person_who_does_not_want_it_to_begin_is_not_told_to_make_trials(
+    answer, code, robot, tmp_path, monkeypatch, capsys
+):
+    import trocar.cli.robot
+
+    def asked(*_, **__):
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(trocar.cli.robot, "agreed", lambda *_, **__: True)
+    monkeypatch.setattr(trocar.cli.robot.typer, "confirm", asked)
+    config = RunConfig(PegTransfer(), method="uncalibrated", robot=robot)
+    with pytest.raises(typer.Exit) as left:
+        run_robot(config, tmp_path / "out", strict=False, as_json=False, enable_motion=True, yes=False)
+    assert left.value.exit_code == code and "before the first trial" in capsys.readouterr().err
+
+
 def test_nothing_moves_unless_motion_is_enabled_and_somebody_agrees(robot, tmp_path, monkeypatch):
     import trocar.eval.on_robot
 

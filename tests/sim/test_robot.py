@@ -172,6 +172,7 @@ def test_jaws_follow_through_the_play_of_their_cable():
     pulled = [jaw_rad for row in rows for *_, jaw_rad in row]
     assert pulled[:3] == pytest.approx([0.1, 0.1, 0.106]), "12 mrad every 2 ms, the first 30 in its play"
     assert max(pulled) == pytest.approx(0.17) and pulled[-1] == pytest.approx(0.17), "and it stays, closing by less"
+    assert bench.robot.read("a").jaw_rad == pytest.approx(0.67), "fingers at .7 keep the motor from closing further"
 
 
 def test_a_silent_arm_goes_on_and_is_read_no_more_until_it_speaks_again():

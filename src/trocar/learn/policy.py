@@ -44,6 +44,8 @@ def policy_digest(policy: str) -> str:
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
     if not files or (path.is_dir() and path / IN_FOLDER not in files):
         raise BadFile(path, f"has no {IN_FOLDER}" if path.is_dir() else "does not exist", WHAT, kind="policy")
+    if path.is_file():
+        _parts(policy)
     digest = hashlib.sha256()
     for file in files:
         if "__pycache__" not in file.parts:
