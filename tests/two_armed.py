@@ -67,7 +67,7 @@ def stuck(arm: str, closings: int | None = None):
         tried = -1  # agents first close the jaws on nothing, to read their encoder: does not count
 
         async def jaw(self, name, angle_rad):
-            if name == arm and angle_rad < 0:
+            if name == arm and angle_rad < 0.1:
                 self.tried += 1
                 if closings is None or 1 <= self.tried <= closings:
                     angle_rad = SETTINGS.release_rad

@@ -112,7 +112,14 @@ def test_the_options_are_what_tells_one_run_from_another():
             "best",
             (True, False, "optimal"),
             {"perception_budget_s": 0.085, "planning_budget_s": 0.06, "fixed_wrist": True, "learns_offset": True}
-            | {"retries": 2, "rounds": 3, "settle_s": 0.02, "loosens_jaws": True, "jaw_empty_rad": 0.18},
+            | {
+                "retries": 2,
+                "rounds": 3,
+                "settle_s": 0.02,
+                "waits_for_jaws": False,
+                "jaw_grip_rad": 0.0,
+                "jaw_empty_rad": 0.18,
+            },
         ),
     ],
 )

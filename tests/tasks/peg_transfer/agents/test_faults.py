@@ -69,8 +69,8 @@ def clumsy(arm, share):
 
         async def jaw(self, name, angle_rad):
             if name == arm:
-                self.opened |= angle_rad > 0
-                self.closed = self.opened and angle_rad < 0
+                self.opened |= angle_rad > 0.1
+                self.closed = self.opened and angle_rad < 0.1
             return await self.inner.jaw(name, angle_rad)
 
         async def move(self, motions):
@@ -78,7 +78,7 @@ def clumsy(arm, share):
                 return await self.inner.move(motions)
             self.lost = True
             if share == 0.0:
-                await self.lose(0.0)
+                await self.lose(2 * TICK_S)  # jaws that still press go on first
                 return await self.inner.move(motions)
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(self.lose, share * motions[arm].duration_s)
@@ -283,8 +283,8 @@ def test_a_lower_block_that_is_seen_past_the_upper_one_is_not_grasped(kept):
     """The two are turned against each other: between the corners of one, those of the other show."""
     upper = standing(0, (0.5e-3, 0.3e-3), 0.3 + np.radians(60.0), Block().height_m)
     trial = kept("bilateral", blocks=[*map(block_on, PEGS), upper], fine=True)
-    # what the jaws come down on may be shifted so far that a second look finds no block on the peg
-    assert noted(trial)[0] in (NOT_GRASPED, NO_BLOCK)
+    # what the jaws come down on is shifted: a second look finds no block on the peg, or an edge is held, and lost
+    assert noted(trial)[0] in (NOT_GRASPED, NO_BLOCK, DROPPED)
     ended_with(trial, [noted(trial)[0], DONE])
 
 

@@ -132,11 +132,11 @@ def held_between_offers(monkeypatch, refusals):
     between its offers, and whether it stayed in the jaws."""
     found, refused = Receiver._find_descent, []
 
-    def no_room_at_first(self, q, T_board_block, avoid):
+    def no_room_at_first(self, meeting, q, T_board_block, avoid):
         if len(refused) < refusals:
             refused.append(T_board_block)
             return None
-        return found(self, q, T_board_block, avoid)
+        return found(self, meeting, q, T_board_block, avoid)
 
     monkeypatch.setattr(Receiver, "_find_descent", no_room_at_first)
     lab, in_time, (score,) = played("handover", [GOAL], settings=replace(SETTINGS, rounds=3))

@@ -22,12 +22,12 @@ SETTINGS, BLOCK = Settings(), Block()
 HELD_RAD = 0.18
 
 
-def between(giver: str, receiver: str, settings=SETTINGS) -> HandoverGeometry:
+def between(giver: str, receiver: str, settings=SETTINGS, ways_m=()) -> HandoverGeometry:
     bases = {name: T_WORLD_BASE[name] for name in (giver, receiver)}
     gives, takes = (
         Partner(ARM_MODELS[name], base, base, SETTINGS.taking_rad, HELD_RAD) for name, base in bases.items()
     )
-    return HandoverGeometry(gives, takes, SE3.identity(), BLOCK, settings)
+    return HandoverGeometry(gives, takes, SE3.identity(), BLOCK, settings, np.reshape(ways_m, (-1, 2)))
 
 
 def held_at_the_outer_wall(giver: str, candidate: int) -> SE3:

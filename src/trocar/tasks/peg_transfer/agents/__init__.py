@@ -41,7 +41,8 @@ class Settings:
     jaw_open_rad: float = 0.40  # widest opening round the wall of a block, against the clearance in its hole
     release_rad: float = 0.32  # least opening there
     taking_rad: float = 0.36  # opening of jaws that approach a block in the other arm's jaws
-    jaw_closed_rad: float = -0.17  # target that lets the drive press
+    jaw_closed_rad: float = -0.17  # target that lets the drive press empty jaws together
+    jaw_grip_rad: float = -0.17  # target that lets it press on a wall (full force: .14 rad beyond the wall)
     jaw_play_rad: float = 0.06  # by how much open jaws are narrower than their encoder says (``PegHand``)
     jaw_empty_rad: float = 0.15
 
@@ -56,7 +57,9 @@ class Settings:
     # arms that look before placing keep the wrist still over the target: the receiving arm holds a block at any angle,
     # and turning it further costs clearance.
     fixed_wrist: bool = False
-    loosens_jaws: bool = False  # jaws loosen their grip while a block is lowered
+    waits_for_jaws: bool = (
+        True  # until they rest; else they loosen their grip early, and the arm moves on while they act
+    )
     looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest
     looks_before_placing: bool = False  # stop over the target, look how the block hangs in the jaws, lower it like that
     learns_offset: bool = False  # correct where the tip is by looks at blocks in the jaws
@@ -100,8 +103,8 @@ def quick() -> Settings:
     known of the walls, jaws must stall at .18 rad: on the rim of a usual wall they stall at .15, and lose the block.
     """
     return Settings(
-        perception_budget_s=0.085, planning_budget_s=0.06, settle_s=0.02, fixed_wrist=True, loosens_jaws=True,
-        jaw_empty_rad=0.18, learns_offset=True, retries=2, rounds=3,
+        perception_budget_s=0.085, planning_budget_s=0.06, settle_s=0.02, fixed_wrist=True, waits_for_jaws=False,
+        jaw_grip_rad=0.0, jaw_empty_rad=0.18, learns_offset=True, retries=2, rounds=3,
     )  # fmt: skip
 
 

@@ -75,7 +75,7 @@ class Giver(Side):
         T_tip_block = self.arm.motions.gripped(q, block)
 
         async def plan() -> tuple[TimedPath, Offer] | None:
-            found = partial(self._find_offering, q, T_tip_block, meeting.goal.source)
+            found = partial(self._find_offering, q, T_tip_block, meeting)
             offering = await self.arm.plan(found)
             if offering is not None:
                 meeting.announce(offering[1].T_board_tip, T_tip_block)
@@ -83,14 +83,14 @@ class Giver(Side):
 
         self._offering.start(helpers, plan)
 
-    def _find_offering(self, q: Joints, T_tip_block: SE3, source: int) -> tuple[TimedPath, Offer] | None:
+    def _find_offering(self, q: Joints, T_tip_block: SE3, meeting: HandoverState) -> tuple[TimedPath, Offer] | None:
         """Return the motion that lifts a block and brings it to the handover, and the offer; None if there is none."""
-        geometry, motions = self.geometry(self.arm, self.other), self.arm.motions
+        geometry, motions = self.geometry(self.arm, self.other, meeting), self.arm.motions
         offer = geometry.choose_offer(motions.tip(q), T_tip_block)
         if isinstance(offer, str):
             self.cell.log.event("no place", reason=offer)
             return None
-        return motions.offering(q, T_tip_block, source, offer.T_board_tip), offer
+        return motions.offering(q, T_tip_block, meeting.goal.source, offer.T_board_tip), offer
 
     async def _offer(
         self, meeting: HandoverState, T_tip_block: SE3, following: HandoverState | None, helpers: trio.Nursery
@@ -99,7 +99,7 @@ class Giver(Side):
         hand = self.arm.hand
         ready = await self._offering.take()
         if ready is None or not starts_at(ready[0], hand.q):
-            ready = await self.arm.plan(lambda: self._find_offering(hand.q, T_tip_block, meeting.goal.source))
+            ready = await self.arm.plan(lambda: self._find_offering(hand.q, T_tip_block, meeting))
         if ready is None:
             return False
         path, offer = ready
@@ -116,6 +116,7 @@ class Giver(Side):
             except Blocked:
                 if tries > self.settings.detours:
                     raise
+                self.cell.log.event("crowded", arm=self.arm.name)
                 if meeting.crowded.is_set():  # the robot's guard waits for nobody: the other arm needs time to leave
                     await self.cell.clock.sleep(PAUSE_S)
                 meeting.crowded.set()
@@ -130,7 +131,7 @@ class Giver(Side):
         if meeting.T_board_seen is None or not meeting.may_repeat or not self.arm.holds:
             return False
         T_tip_block = self.arm.T_board_tip.inverse() @ meeting.T_board_seen
-        find = partial(self._find_offering, self.arm.hand.q, T_tip_block, meeting.goal.source)
+        find = partial(self._find_offering, self.arm.hand.q, T_tip_block, meeting)
         offering = await self.arm.plan(find)
         if offering is None or offering[1].room_m < MIN_ROOM_M:
             return False

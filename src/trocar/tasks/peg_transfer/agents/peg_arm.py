@@ -34,8 +34,8 @@ jaws that had truly opened by less than 0.07 rad more. Cables absorb 0.03 rad.""
 MOST_RELEASE_RAD = 0.46
 """Widest opening to release a block that was taken from the other arm, whose jaws left little choice of walls. On 16 of
 357 such blocks the jaws truly opened by less than 0.085 rad more; three of these went up again with the arm."""
-LOOSE_RAD = 0.03
-"""Jaws that loosen their grip are commanded to close by this much more than they can."""
+PARTED_RAD = 0.08
+"""Opening by which jaws have let go of a wall as an arm begins to rise; they open further while it gathers speed."""
 BESIDE_M = 0.035
 """Blocks on pegs this close to a target are considered when a place is chosen there."""
 PAUSE_S = 0.3
@@ -188,7 +188,8 @@ class PegArm:
 
     async def grip(self, T_tip_block: SE3) -> bool:
         """Close the jaws; return whether they hold something, which is taken to be the block at ``T_tip_block``."""
-        await self.hand.jaw(self.settings.jaw_closed_rad)
+        close = self.hand.jaw if self.settings.waits_for_jaws else self.hand.close_on
+        await close(self.settings.jaw_grip_rad)
         self.table.wall.learn(self.hand.jaw_rad)
         self.coordinator.carry(self.name, self.motions.held(T_tip_block) if self.holds else None)
         return self.holds
@@ -197,7 +198,11 @@ class PegArm:
         """Open the jaws; None: just far enough to release what they hold, since a peg may be beside a finger."""
         most_rad = MOST_RELEASE_RAD if self.hands_over else self.settings.jaw_open_rad
         lets_go = np.clip(self.hand.jaw_rad + LETS_GO_RAD, self.settings.release_rad, most_rad)
-        await self.hand.jaw(float(lets_go) if jaw_rad is None else jaw_rad)
+        opening_rad = float(lets_go) if jaw_rad is None else jaw_rad
+        if self.settings.waits_for_jaws:
+            await self.hand.jaw(opening_rad)
+        else:
+            await self.hand.open_by(opening_rad, PARTED_RAD)
         self.coordinator.carry(self.name, None)
         if self.after_release is not None:
             self.after_release()
@@ -228,7 +233,7 @@ class PegArm:
                         begun=begun and partial(begun, ready),
                         margin_m=margin_m,
                         departure=ready.departure,
-                        loosens=self.settings.loosens_jaws,
+                        loosens=not self.settings.waits_for_jaws,
                     )
                     await self.hand.settle()
                 if not self.settings.looks_before_placing:
@@ -334,7 +339,7 @@ class PegArm:
         await self.coordinator.admit(
             self.name,
             motion,
-            jaw_rad=max(0.0, self.hand.jaw_rad, jaw_rad or 0.0),
+            jaw_rad=max(0.0, self.hand.jaw_rad, self.hand.jaw_goal_rad, jaw_rad or 0.0),
             margin_m=margin_m,
             contact_s=contact_s,
             departure=departure,
@@ -345,6 +350,7 @@ class PegArm:
             begun()
         ended = trio.Event()
         async with trio.open_nursery() as nursery:
+            nursery.start_soon(self.hand.go_on_with_jaw)
             if jaw_rad is not None:
                 nursery.start_soon(self._drive_jaw_once_risen, jaw_rad, ended)
             if loosens:
@@ -373,11 +379,11 @@ class PegArm:
 
         A drive that presses is commanded far beyond the wall. Jaws that lost the block stay closed, so that it is seen.
         """
-        lead_s = (self.hand.jaw_rad - self.settings.jaw_closed_rad) / self.model.jaw.max_speed + JAW_REST_S
-        with trio.move_on_after(duration_s - lead_s):
+        lead_s = (self.hand.jaw_rad - self.settings.jaw_grip_rad) / self.model.jaw.max_speed + JAW_REST_S
+        with trio.move_on_after(max(0.0, duration_s - lead_s)):
             await ended.wait()
         if not ended.is_set() and self.holds:
-            await self.hand.drive_jaw(self.hand.jaw_rad - LOOSE_RAD)
+            await self.hand.loosen_jaw()
 
     async def plan(self, compute: Callable[[], Result]) -> Result | None:
         """Plan a motion; None, with the reason in the log, if a pose or the path to it leaves the joints' ranges."""

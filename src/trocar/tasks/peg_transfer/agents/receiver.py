@@ -76,7 +76,7 @@ class Receiver(Side):
         ready = await self._coming.take()
         for _ in range(1 + self.settings.detours):
             if ready is None or not starts_at(ready.path, self.arm.hand.q):
-                ready = await self.arm.plan(lambda: self._find_above(self.arm.hand.q, meeting, avoid))
+                ready = await self.arm.plan(lambda: self._find_above(meeting, self.arm.hand.q, avoid))
             if ready is None:
                 return
             try:
@@ -101,7 +101,7 @@ class Receiver(Side):
                 await meeting.announced.wait()
             if meeting.T_board_block is None:
                 return None
-            return await self.arm.plan(lambda: self._find_above(end_of(path), meeting, []))
+            return await self.arm.plan(lambda: self._find_above(meeting, end_of(path), []))
 
         self._coming.start(helpers, plan)
 
@@ -119,20 +119,20 @@ class Receiver(Side):
         block = await self.arm.eyes.see_held(self.other, meeting.T_board_block)
         if block is None:
             return None
-        return block, await self.arm.plan(lambda: self._find_descent(self.arm.bound_for, block, []))
+        return block, await self.arm.plan(lambda: self._find_descent(meeting, self.arm.bound_for, block, []))
 
-    def _find_above(self, q: Joints, meeting: HandoverState, avoid: list[int]) -> Coming | None:
+    def _find_above(self, meeting: HandoverState, q: Joints, avoid: list[int]) -> Coming | None:
         assert meeting.T_board_block is not None and meeting.T_board_giver is not None
-        grasp = self._grasp(meeting.T_board_block, meeting.T_board_giver, avoid)
+        grasp = self._grasp(meeting, meeting.T_board_block, meeting.T_board_giver, avoid)
         return None if grasp is None else Coming(self.arm.motions.over(q, self._above(grasp)), grasp)
 
-    def _find_descent(self, q: Joints, T_board_block: SE3, avoid: list[int]) -> Coming | None:
+    def _find_descent(self, meeting: HandoverState, q: Joints, T_board_block: SE3, avoid: list[int]) -> Coming | None:
         """Return how to get to the block: straight down if the arm is above a grasp, else from above another one."""
         motions, other = self.arm.motions, self.other.T_board_tip
-        grasp = self._grasp(T_board_block, other, avoid, near=motions.tip(q))
+        grasp = self._grasp(meeting, T_board_block, other, avoid, near=motions.tip(q))
         if grasp is not None:
             return Coming(motions.through([q, motions.ik(grasp.T_board_tip)], fixed_wrist=False), grasp, 0.0)
-        grasp = self._grasp(T_board_block, other, avoid)
+        grasp = self._grasp(meeting, T_board_block, other, avoid)
         if grasp is None:
             return None
         down = [motions.ik(self._above(grasp)), motions.ik(grasp.T_board_tip)]
@@ -143,9 +143,16 @@ class Receiver(Side):
         tip = grasp.T_board_tip
         return raised(tip, float(tip.translation_m[2]) + self.settings.waits_above_m)
 
-    def _grasp(self, T_board_block: SE3, T_board_giver: SE3, avoid: list[int], near: SE3 | None = None) -> Grasp | None:
+    def _grasp(
+        self,
+        meeting: HandoverState,
+        T_board_block: SE3,
+        T_board_giver: SE3,
+        avoid: list[int],
+        near: SE3 | None = None,
+    ) -> Grasp | None:
         """Return how to grasp a block in the other arm's jaws; near a pose of the tip, if one is given."""
-        grasp = self.geometry(self.other, self.arm).choose_taking(T_board_block, T_board_giver, avoid, near)
+        grasp = self.geometry(self.other, self.arm, meeting).choose_taking(T_board_block, T_board_giver, avoid, near)
         if not isinstance(grasp, str):
             return grasp
         if near is None:
@@ -164,7 +171,7 @@ class Receiver(Side):
                 block = await self.arm.eyes.see_held(self.other, meeting.T_board_block)
             if block is None:
                 return None
-            grasp = await self._come(block, failed, descent)
+            grasp = await self._come(meeting, block, failed, descent)
             if grasp is None:
                 meeting.T_board_seen = None if failed else block
                 return None
@@ -178,7 +185,9 @@ class Receiver(Side):
             await self.rise()
         return None
 
-    async def _come(self, T_board_block: SE3, failed: list[int], ready: Coming | None) -> Grasp | None:
+    async def _come(
+        self, meeting: HandoverState, T_board_block: SE3, failed: list[int], ready: Coming | None
+    ) -> Grasp | None:
         """Descend with open jaws round a wall of the block that the other arm holds; return the grasp.
 
         If the other arm is in the way of each try, the last one is made from home.
@@ -186,7 +195,7 @@ class Receiver(Side):
         avoid = list(failed)
         for attempt in range(1 + self.settings.detours):
             if ready is None or not starts_at(ready.path, self.arm.hand.q):
-                ready = await self.arm.plan(partial(self._find_descent, self.arm.hand.q, T_board_block, avoid))
+                ready = await self.arm.plan(partial(self._find_descent, meeting, self.arm.hand.q, T_board_block, avoid))
             if ready is None:
                 return None
             try:
