@@ -1,11 +1,13 @@
 """Things by name: built in, registered, from a plugin."""
 
 import os
+import pickle
+import sys
 
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.registry import Lazy, Registry, load_plugin
+from trocar.registry import PLUGIN_MODULE, Lazy, Registry, load_plugin
 
 
 def fresh():
@@ -49,6 +51,18 @@ def test_a_plugin_is_run_once_and_told_by_its_text(tmp_path, monkeypatch):
     assert os.environ["TROCAR_TEST"] == "x"
     file.write_text("VALUE = 2\n")
     assert load_plugin(file) != first
+
+
+def test_plugins_of_one_file_name_keep_their_own_module(tmp_path):
+    digests = []
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        file = tmp_path / folder / "mine.py"
+        file.write_text(f"class Mine:\n    folder = {folder!r}\n")
+        digests.append(load_plugin(file))
+    first, second = (sys.modules[f"{PLUGIN_MODULE}mine_{digest[:8]}"].Mine for digest in digests)
+    assert (first.folder, second.folder) == ("a", "b")
+    assert pickle.loads(pickle.dumps(first)) is first, "as a worker does"
 
 
 @pytest.mark.parametrize(

@@ -141,7 +141,7 @@ def load_plugin(path: str | Path) -> str:
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     if _LOADED.get(str(file)) == digest:
         return digest
-    load_file(path, f"{PLUGIN_MODULE}{file.stem}", kind="plugin")
+    load_file(path, f"{PLUGIN_MODULE}{file.stem}_{digest[:8]}", kind="plugin")  # others may have the same file name
     _LOADED[str(file)] = digest
     return digest
 

@@ -33,8 +33,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 @pytest.fixture(scope="module")
 def example():
     """The smallest task of the documentation, a module."""
-    load_plugin(EXAMPLES / "three_dots.py")
-    yield importlib.import_module(f"{PLUGIN_MODULE}three_dots")
+    digest = load_plugin(EXAMPLES / "three_dots.py")
+    yield importlib.import_module(f"{PLUGIN_MODULE}three_dots_{digest[:8]}")
     TASKS.forget("dots")
 
 
