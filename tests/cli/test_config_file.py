@@ -76,5 +76,7 @@ def test_what_cannot_be_read_is_one_sentence(trocar, written, text, said):
     assert (code, out) == (2, "") and said in err and err.count("\n") == 1
 
 
-def test_a_file_must_be_named(trocar):
+def test_one_file_must_be_named(trocar, written):
     assert "--config names no file" in trocar("run", "--config")[2]
+    first = written('task = "peg-transfer"')
+    assert "--config names a second file, after" in trocar("run", "--config", first, f"--config={first}")[2]

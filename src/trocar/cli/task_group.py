@@ -155,6 +155,8 @@ def _expanded(args: Sequence[str]) -> list[str]:
     rest, path = iter(args), ""
     for word in rest:
         if word == CONFIG or word.startswith(f"{CONFIG}="):
+            if path:
+                raise InvalidInput(CONFIG, f"names a second file, after {path!r}", "give one")
             path = word[len(CONFIG) + 1 :] or next(rest, "")
             if not path:
                 raise InvalidInput(CONFIG, "names no file", "give a TOML file of options")
