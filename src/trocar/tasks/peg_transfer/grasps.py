@@ -74,16 +74,21 @@ fingers (m), largest roll (rad). Rules for the own side apply only to a block fo
 room for that arm. With a negative gap, a finger must slide off the peg's round end or push the block aside."""
 
 
-def grasp_candidates(depth_m: float = DEPTH_M, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> SE3:
+def grasp_candidates(
+    depth_m: float = DEPTH_M,
+    from_middle_m: float = GRASP_FROM_MIDDLE_M,
+    aside_m: tuple[float, float] = GRASP_ASIDE_M,
+) -> SE3:
     """Return ``T_block_tip`` (6,): tip z out of the block, tip x along the outward normal of the side.
 
     Args:
         depth_m: depth of the tip below the top face.
         from_middle_m: distance of the tip from the block's middle, along that normal.
+        aside_m: x of the two grasp points on the side at +y, in the block frame.
     """
     yaws = np.radians(120.0) * np.arange(3)
     turn = SO3.axis("z", np.repeat(yaws, 2))
-    points = np.array([(x, from_middle_m, depth_m) for x in GRASP_ASIDE_M] * 3)
+    points = np.array([(x, from_middle_m, depth_m) for x in aside_m] * 3)
     outward = SO3(np.column_stack([(0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)]))
     return SE3.from_parts(turn @ outward, turn.apply(points))
 
@@ -189,10 +194,15 @@ def _rank(grasp: Grasp, avoid: Collection[int]) -> tuple[bool, float, float]:
     return grasp.candidate not in avoid, round(grasp.clearance_m, 5), -abs(float(grasp.q[3]))
 
 
-def vertical_grasps(T_board_block: SE3, depth_m: float, from_middle_m: float = GRASP_FROM_MIDDLE_M) -> list[SE3]:
+def vertical_grasps(
+    T_board_block: SE3,
+    depth_m: float,
+    from_middle_m: float = GRASP_FROM_MIDDLE_M,
+    aside_m: tuple[float, float] = GRASP_ASIDE_M,
+) -> list[SE3]:
     """Return the six candidates in the board frame, with the tool vertical even if the block is tilted."""
     poses = []
-    for matrix in (T_board_block @ grasp_candidates(depth_m, from_middle_m)).matrix:
+    for matrix in (T_board_block @ grasp_candidates(depth_m, from_middle_m, aside_m)).matrix:
         x = np.array([matrix[0, 0], matrix[1, 0], 0.0])
         x /= np.linalg.norm(x)
         z = np.array([0.0, 0.0, 1.0])

@@ -32,6 +32,9 @@ OVER_M = 4e-3
 """An arm whose tip is this close to a grasp horizontally, and higher by more, goes straight down."""
 MAX_TURNED_RAD = 0.15
 """A tool whose rotation differs from the grasp's by more than this is turned before it goes down."""
+OFFERED_LIFT_M = 21.5e-3
+"""How far a block that is then offered rises straight up: off its peg. From there it goes on in a bow, whose top lies
+as much lower as the straight part is shorter, and leaves room for the arm that waits above."""
 CENTRED = 2
 """Number of iterations that bring a hole to its place; the second leaves an error of some micrometres."""
 LAYERS = 3
@@ -254,7 +257,7 @@ class Motions:
         height_m, still = float(self.tip(q).translation_m[2]), self._settings.fixed_wrist
         if height_m > self._settings.clear_height_m:
             return self.through([q, self.ik(T_board_tip)])
-        height_m += self._settings.lift_m
+        height_m += OFFERED_LIFT_M
         lifted = self.clear(q, T_tip_block, source, height_m) if still else self.above(q, height_m)
         return self.through([q, lifted, self.ik(T_board_tip)])
 
