@@ -316,16 +316,21 @@ def test_jaws_that_do_not_close_once_try_again(kept, variant, arm):
     assert len(named(trial, "pick failed")) == 1
 
 
-@pytest.mark.parametrize(
-    ("variant", "arm", "share"), [("unilateral", "psm1", 1 / 3), ("handover", "psm2", 2 / 3), ("handover", "psm1", 0.0)]
-)
+@pytest.mark.parametrize(("variant", "arm", "share"), [("unilateral", "psm1", 1 / 3), ("handover", "psm2", 2 / 3)])
 def test_a_block_lost_on_its_way_is_noticed_and_the_next_one_is_moved(kept, variant, arm, share):
-    trial = kept(variant, robot=clumsy(arm, share), fine=share == 0.0)
+    trial = kept(variant, robot=clumsy(arm, share))
     ended_with(trial, [DROPPED, DONE])
 
 
+def test_a_block_lost_after_the_handover_is_noticed_and_both_arms_go_on(kept):
+    """It lies in the middle of the board then, where the next one may hit it."""
+    trial = kept("handover", robot=clumsy("psm1", 0.0), fine=True)
+    assert came_to_an_end(trial) and noted(trial)[0] == scored(trial)[0] == DROPPED
+    assert len(named(trial, "offer")) == 2
+
+
 def test_a_block_that_falls_back_on_its_peg_is_handed_over_after_all(kept):
-    trial = kept("handover", robot=clumsy("psm2", 1 / 3))
+    trial = kept("handover", robot=clumsy("psm2", 1 / 4))
     ended_with(trial, [DONE, DONE])
     assert len(named(trial, "offer")) == 3
 
