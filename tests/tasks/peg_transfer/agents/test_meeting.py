@@ -13,7 +13,15 @@ from trocar.arms import capsules, fk, ik
 from trocar.geometry import SE3, SO3
 from trocar.geometry.capsules import capsule_distances_m
 from trocar.tasks.peg_transfer.agents import Settings
-from trocar.tasks.peg_transfer.agents.meeting import ROOM_M, HandoverGeometry, HandoverState, Offer, Partner, Side
+from trocar.tasks.peg_transfer.agents.meeting import (
+    MIN_ROOM_M,
+    ROOM_M,
+    HandoverGeometry,
+    HandoverState,
+    Offer,
+    Partner,
+    Side,
+)
 from trocar.tasks.peg_transfer.goals import Transfer, TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, grasp_candidates, held_block
 from trocar.tasks.peg_transfer.shapes import Block
@@ -147,3 +155,24 @@ def test_an_arm_rises_straight_out_of_a_block_that_touches_the_other_arm_all_the
     trio.run(Side(arm, None, None).rise)
     assert arm.shifts == [((0.0, 0.0, SETTINGS.parts_m), SETTINGS.meeting_margin_m, (0.0, inf))]
     assert Side(arm, None, None).own_side == side == np.sign(T_WORLD_BASE[name].translation_m[0])
+
+
+@pytest.mark.parametrize(("giver", "receiver"), [("psm1", "psm2"), ("psm2", "psm1")])
+def test_a_block_is_offered_so_that_the_receiving_arm_is_out_of_the_giving_ones_way(giver, receiver):
+    def receiver_off_m(ways_m):
+        geometry = between(giver, receiver, ways_m=ways_m)
+        offer, T_board_block = offered(geometry, held_at_the_outer_wall(giver, 0))
+        grasp = geometry.choose_taking(T_board_block, offer.T_board_tip)
+        assert isinstance(grasp, Grasp) and offer.room_m > MIN_ROOM_M
+        return (grasp.T_board_tip.translation_m - offer.T_board_tip.translation_m)[:2]
+
+    free_m = receiver_off_m(())
+    behind = np.array([0.0, 40e-3 * np.sign(free_m[1])])  # where it stands, seen from the giving arm
+    assert free_m @ behind > 0 > receiver_off_m(behind) @ behind
+
+
+def test_room_counts_before_the_way():
+    geometry, here = between("psm1", "psm2", ways_m=[(40e-3, 0.0)]), SE3.identity()
+    ahead, aside = (SE3.from_parts(translation_m=[x, 0.0, 0.0]) for x in (9e-3, -9e-3))
+    assert geometry._preference_m(2.4e-3, ahead, here) < geometry._preference_m(2.3e-3, aside, here)
+    assert geometry._preference_m(1.2e-3, ahead, here) >= MIN_ROOM_M > geometry._preference_m(0.9e-3, aside, here)

@@ -57,9 +57,7 @@ class Settings:
     # arms that look before placing keep the wrist still over the target: the receiving arm holds a block at any angle,
     # and turning it further costs clearance.
     fixed_wrist: bool = False
-    waits_for_jaws: bool = (
-        True  # until they rest; else they loosen their grip early, and the arm moves on while they act
-    )
+    waits_for_jaws: bool = True  # until they are at rest; else arms go on while they act, and they loosen early
     looks_ahead: bool = True  # look at the next block, and plan, while the arm still moves; else only at rest
     looks_before_placing: bool = False  # stop over the target, look how the block hangs in the jaws, lower it like that
     learns_offset: bool = False  # correct where the tip is by looks at blocks in the jaws

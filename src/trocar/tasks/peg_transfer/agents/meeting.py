@@ -23,12 +23,12 @@ from trocar.tasks.peg_transfer.grasps import YAWS_RAD, Grasp, vertical_grasps, w
 from trocar.tasks.peg_transfer.shapes import Block
 
 ROOM_M = 2.4e-3
-"""Sufficient distance between the arms: the tool does not turn to gain more."""
+"""Sufficient distance between the arms, if the receiving one is out of the way: the tool does not turn to gain more."""
 MIN_ROOM_M = 1.0e-3
 """Distance below which they block each other: three of five pairs that came closer could not separate."""
 TAKING_ASIDE_M = (-1.2e-3, 1.2e-3)
-"""Where a block in the air is taken, from the middle of a wall: further from the giving arm there is more room. At 1.4
-mm, 3 of 99 tries came down on the corner of the hole."""
+"""Distances along a wall, from its middle, at which the receiving arm grasps: nearer to the wall's end there is more
+room. At 1.4 mm, 3 of 99 tries came down on the corner of the hole."""
 MAX_ROLL_RAD = np.radians(110.0)
 SHARES = (0.0, 0.5, 1.0)
 """Shares of the receiving arm's way down, and of the giving arm's way up, at which distances are checked."""
@@ -37,8 +37,8 @@ NEAR_M, NEAR_RAD = 4e-3, np.radians(20.0)
 IN_THE_WAY_M = 0.4e-3
 """A receiving arm that stands where the giving one comes from, or goes to, counts as this much closer."""
 AHEAD_RAD = np.radians(100.0)
-"""It stands there if it is less than this off that direction, seen from above. Of 110 arms in such a place, 33 made the
-giving one go another way; of 133 others, 2."""
+"""It stands there if it is within this angle of that direction, seen from above. So it did in 110 handovers: in 33 of
+them the giving arm had to go another way, and in 2 of 133 others."""
 HELD_RAD = 0.20
 """Expected opening of jaws on a wall, for plans that are made before they close."""
 ASIDE_M = 28e-3
@@ -74,14 +74,14 @@ class HandoverGeometry:
     block: Block
     # Meeting point, height from which the receiving arm comes down, height by which the giving arm then rises.
     settings: Settings
-    ways_m: NDArray[np.float64]  # (n, 2) places on the board from which the giving arm comes and to which it then goes
+    from_and_to_m: NDArray[np.float64]  # (n, 2) where on the board the giving arm comes from, and where it goes then
 
     def choose_offer(self, T_board_tip: SE3, T_tip_block: SE3) -> Offer | str:
         """Return how to offer a block so that the other arm can take it, or one sentence why that is impossible.
 
         The tool turns as little as possible from its present pose ``T_board_tip`` to leave ``ROOM_M`` between the arms,
-        and the receiving arm out of the giving one's way. If no rotation does, the one that leaves the most room is
-        chosen.
+        and the receiving arm out of the giving one's way. If no rotation does, the best one is chosen: the one with the
+        most room, less ``IN_THE_WAY_M`` for arms in the way.
         """
         best, most_m = None, -inf
         now = yaw_of(T_board_tip)
@@ -90,7 +90,10 @@ class HandoverGeometry:
             upright = SO3.axis("z", now + turn)
             pose = SE3.from_parts(upright, middle - upright.apply(T_tip_block.translation_m))
             taken = self._best_grasp(pose @ T_tip_block, pose)
-            if taken is not None and (room_m := self._worth_m(taken.clearance_m, taken.T_board_tip, pose)) > most_m:
+            if (
+                taken is not None
+                and (room_m := self._preference_m(taken.clearance_m, taken.T_board_tip, pose)) > most_m
+            ):
                 best, most_m = Offer(pose, taken.clearance_m), room_m
             if most_m >= ROOM_M:
                 break
@@ -99,7 +102,7 @@ class HandoverGeometry:
     def choose_taking(
         self, T_board_block: SE3, T_board_giver: SE3, avoid: Collection[int] = (), near: SE3 | None = None
     ) -> Grasp | str:
-        """Return the grasp of a block in the other arm's jaws that keeps the arms furthest apart, or why there is none.
+        """Return the best grasp of a block in the other arm's jaws, by room and way, or why there is none.
 
         Its ``clearance_m`` is the least distance of the arms while the receiving one descends and the giving one rises.
 
@@ -119,7 +122,7 @@ class HandoverGeometry:
     def _best_grasp(
         self, T_board_block: SE3, T_board_giver: SE3, avoid: Collection[int] = (), near: SE3 | None = None
     ) -> Grasp | None:
-        """Return the grasp that leaves most room while the receiving arm comes down and the giving one rises."""
+        """Return the best grasp, by the room while one arm comes down and the other rises, and by who is in the way."""
         giver, receiver, settings = self.giver, self.receiver, self.settings
         leaving = self._joints_above(giver, T_board_giver, settings.parts_m)
         if leaving is None:
@@ -143,18 +146,23 @@ class HandoverGeometry:
                 taking = capsules(receiver.model, coming[0], receiver.held_rad)
                 both = (lowering, holding), (taking, rising)
                 room_m = _room_m(both, T_giver_receiver)
-                if self._worth_m(room_m, pose, T_board_giver) > most_m:  # the guard measures from the registered bases
+                if (
+                    self._preference_m(room_m, pose, T_board_giver) > most_m
+                ):  # the guard measures from the registered bases
                     room_m = min(room_m, _room_m(both, T_guarded))
-                if (worth_m := self._worth_m(room_m, pose, T_board_giver)) > most_m:
-                    best, most_m = Grasp(pose, coming[0], receiver.open_rad, room_m, candidate), worth_m
+                if (preference_m := self._preference_m(room_m, pose, T_board_giver)) > most_m:
+                    best, most_m = Grasp(pose, coming[0], receiver.open_rad, room_m, candidate), preference_m
         return best
 
-    def _worth_m(self, room_m: float, T_board_receiver: SE3, T_board_giver: SE3) -> float:
-        """Return the distance between the arms, less if the receiving one stands in the giving one's way."""
-        foot_m = T_board_giver.translation_m[:2]
-        off_m, ways_m = T_board_receiver.translation_m[:2] - foot_m, self.ways_m - foot_m
+    def _preference_m(self, room_m: float, T_board_receiver: SE3, T_board_giver: SE3) -> float:
+        """Return the distance between the arms, or less if the receiving one stands in the giving one's way.
+
+        A grasp that leaves enough room is never worth less than one that does not.
+        """
+        giver_m = T_board_giver.translation_m[:2]
+        off_m, ways_m = T_board_receiver.translation_m[:2] - giver_m, self.from_and_to_m - giver_m
         ahead = ways_m @ off_m > np.cos(AHEAD_RAD) * np.linalg.norm(off_m) * np.linalg.norm(ways_m, axis=1)
-        return room_m - (IN_THE_WAY_M if ahead.any() else 0.0)
+        return max(room_m - IN_THE_WAY_M, min(room_m, MIN_ROOM_M)) if ahead.any() else room_m
 
     def _joints_above(self, partner: Partner, T_board_tip: SE3, by_m: float) -> NDArray[np.float64] | None:
         """Return the joints (n, 6) at a pose and at some heights over it; None if they are out of reach."""
@@ -191,7 +199,7 @@ class HandoverState:
 
     goal: Transfer
     giver: str  # name of the giving arm
-    then: int | None = None  # peg to which the giving arm will go next, as far as is known
+    next_source: int | None = None  # peg to which the giving arm will go next, as far as is known
     may_repeat: bool = False  # whether another attempt may follow this one
     start_s: float = 0.0  # when the giving arm began
     # when each arm began and ended its part, over all meetings for this transfer; inf: not yet
@@ -246,11 +254,11 @@ class Side:
 
     def geometry(self, giver: PegArm, receiver: PegArm, meeting: HandoverState) -> HandoverGeometry:
         """Return the geometry of a handover; jaws that do not hold the block yet will be open by ``HELD_RAD``."""
-        pegs = [peg for peg in (meeting.goal.source, meeting.then) if peg is not None]
+        pegs = [peg for peg in (meeting.goal.source, meeting.next_source) if peg is not None]
         held_rad = giver.hand.jaw_rad if giver.holds else HELD_RAD
         gives, takes = (
             Partner(arm.model, arm.motions.T_world_base, arm.motions.T_world_base_registered, open_rad, held_rad)
             for arm, open_rad in ((giver, self.settings.jaw_open_rad), (receiver, self.settings.taking_rad))
         )
-        table, ways_m = self.table, self.table.board.pegs_m[pegs, :2]
-        return HandoverGeometry(gives, takes, table.T_world_board, table.block, self.settings, ways_m)
+        table, from_and_to_m = self.table, self.table.board.pegs_m[pegs, :2]
+        return HandoverGeometry(gives, takes, table.T_world_board, table.block, self.settings, from_and_to_m)

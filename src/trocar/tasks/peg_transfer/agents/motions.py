@@ -33,8 +33,8 @@ OVER_M = 4e-3
 MAX_TURNED_RAD = 0.15
 """A tool whose rotation differs from the grasp's by more than this is turned before it goes down."""
 OFFERED_LIFT_M = 21.5e-3
-"""How far a block that is then offered rises straight up: off its peg. From there it goes on in a bow, whose top lies
-as much lower as the straight part is shorter, and leaves room for the arm that waits above."""
+"""A block that will be offered first rises straight up by this much, just off its peg, then follows a curve. The
+shorter the straight part, the lower the top of the curve: it has to pass below the waiting arm."""
 CENTRED = 2
 """Number of iterations that bring a hole to its place; the second leaves an error of some micrometres."""
 LAYERS = 3

@@ -34,8 +34,6 @@ jaws that had truly opened by less than 0.07 rad more. Cables absorb 0.03 rad.""
 MOST_RELEASE_RAD = 0.46
 """Widest opening to release a block that was taken from the other arm, whose jaws left little choice of walls. On 16 of
 357 such blocks the jaws truly opened by less than 0.085 rad more; three of these went up again with the arm."""
-PARTED_RAD = 0.08
-"""Opening by which jaws have let go of a wall as an arm begins to rise; they open further while it gathers speed."""
 BESIDE_M = 0.035
 """Blocks on pegs this close to a target are considered when a place is chosen there."""
 PAUSE_S = 0.3
@@ -69,7 +67,13 @@ class PegArm:
     def __init__(self, context: AgentContext, name: str, table: Table, coordinator: Coordinator):
         self.cell, self.settings, self.goals = context.cell, context.settings, context.goals
         self.table, self.coordinator = table, coordinator
-        self.hand = PegHand(context.cell, name, context.settings.settle_s, jaw_play_rad=context.settings.jaw_play_rad)
+        self.hand = PegHand(
+            context.cell,
+            name,
+            context.settings.settle_s,
+            jaw_play_rad=context.settings.jaw_play_rad,
+            waits=context.settings.waits_for_jaws,
+        )
         self.motions = Motions(context, self.hand, table)
         self.name, self.model, self.home = name, self.hand.model, self.hand.q
         self.bound_for, self.stopped = self.home, False
@@ -91,7 +95,7 @@ class PegArm:
     @property
     def holds(self) -> bool:
         """Return whether the jaws' motor stalled on something as thick as a block's wall."""
-        return self.table.wall.least_rad < self.hand.jaw_rad < self.table.wall.most_rad
+        return self.table.wall.fits(self.hand.jaw_rad)
 
     def learn_offset(self, off_m: NDArray[np.float64]) -> None:
         """Learn the tip's offset from a block in the jaws, seen off its place by ``off_m`` (2,) in the board's axes."""
@@ -188,21 +192,17 @@ class PegArm:
 
     async def grip(self, T_tip_block: SE3) -> bool:
         """Close the jaws; return whether they hold something, which is taken to be the block at ``T_tip_block``."""
-        close = self.hand.jaw if self.settings.waits_for_jaws else self.hand.close_on
-        await close(self.settings.jaw_grip_rad)
-        self.table.wall.learn(self.hand.jaw_rad)
-        self.coordinator.carry(self.name, self.motions.held(T_tip_block) if self.holds else None)
-        return self.holds
+        stopped_rad = await self.hand.close_on(self.settings.jaw_grip_rad)
+        self.table.wall.learn(stopped_rad)
+        holds = self.table.wall.fits(stopped_rad)
+        self.coordinator.carry(self.name, self.motions.held(T_tip_block) if holds else None)
+        return holds
 
     async def open(self, jaw_rad: float | None = None) -> None:
         """Open the jaws; None: just far enough to release what they hold, since a peg may be beside a finger."""
         most_rad = MOST_RELEASE_RAD if self.hands_over else self.settings.jaw_open_rad
         lets_go = np.clip(self.hand.jaw_rad + LETS_GO_RAD, self.settings.release_rad, most_rad)
-        opening_rad = float(lets_go) if jaw_rad is None else jaw_rad
-        if self.settings.waits_for_jaws:
-            await self.hand.jaw(opening_rad)
-        else:
-            await self.hand.open_by(opening_rad, PARTED_RAD)
+        await self.hand.part(float(lets_go) if jaw_rad is None else jaw_rad)
         self.coordinator.carry(self.name, None)
         if self.after_release is not None:
             self.after_release()

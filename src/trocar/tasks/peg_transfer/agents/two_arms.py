@@ -95,9 +95,9 @@ class Handover(TwoArms):
         super().__init__(context)
         rounds, x_m = range(self.settings.rounds), self.table.board.pegs_m[:, 0]
         giver = {goal: self.right if x_m[goal.target] < x_m[goal.source] else self.left for goal in self.goals}
-        then = {goal: after.source for goal, after in pairwise(self.goals) if giver[goal] is giver[after]}
+        following = {goal: after.source for goal, after in pairwise(self.goals) if giver[goal] is giver[after]}
         self.appointments = [
-            [HandoverState(goal, giver[goal].name, then.get(goal), number + 1 < len(rounds)) for number in rounds]
+            [HandoverState(goal, giver[goal].name, following.get(goal), number + 1 < len(rounds)) for number in rounds]
             for goal in self.goals
         ]
         self.scripts = {arm.name: OneArm(arm, (), beside=True) for arm in (self.left, self.right)}

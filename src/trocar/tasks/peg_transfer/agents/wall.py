@@ -39,6 +39,10 @@ class WallOpening:
             return self._least_rad
         return max(NOTHING_RAD, usual_rad - MAX_THINNER_RAD)
 
+    def fits(self, jaw_rad: float) -> bool:
+        """Return whether jaws that were stopped at this opening hold a whole wall."""
+        return self.least_rad < jaw_rad < self.most_rad
+
     def learn(self, jaw_rad: float) -> None:
         """Learn from a closing on something, whether or not it was a whole wall; empty jaws tell nothing."""
         if NOTHING_RAD < jaw_rad < self.most_rad:
