@@ -24,7 +24,7 @@ DWELL_S = 0.2
 SILENT_S = 0.3
 """A device that has not reported for this long counts as released."""
 CLOSED_RAD = -0.17
-"""Target of closing jaws: beyond closed, so that the drive presses; as in the scripts (peg transfer, sutures)."""
+"""Target of closing jaws: beyond closed, so that the drive presses."""
 
 
 class Hand:
