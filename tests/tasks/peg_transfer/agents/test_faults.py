@@ -326,7 +326,7 @@ def test_a_block_lost_after_the_handover_is_noticed_and_both_arms_go_on(kept):
     """It lies in the middle of the board then, where the next one may hit it."""
     trial = kept("handover", robot=clumsy("psm1", 0.0), fine=True)
     assert came_to_an_end(trial) and noted(trial)[0] == scored(trial)[0] == DROPPED
-    assert len(named(trial, "offer")) == 2
+    assert len(named(trial, "transfer")) == len(named(trial, "offer")) == 2
 
 
 def test_a_block_that_falls_back_on_its_peg_is_handed_over_after_all(kept):
