@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.errors import MotionRefused
+from trocar.robots.traffic import Traffic
 from trocar.tasks.peg_transfer.agents.peg_arm import PAUSE_S, PegArm
 from trocar.tasks.peg_transfer.agents.receiver import Receiver
 from trocar.tasks.peg_transfer.agents.wall import MAX_THINNER_RAD
@@ -154,6 +155,38 @@ def test_a_block_that_leaves_no_room_as_it_was_seen_is_offered_another_way(monke
 def test_a_block_that_leaves_no_room_either_way_is_put_back_and_grasped_anew(monkeypatch):
     _, held = held_between_offers(monkeypatch, 4)
     assert held == [True, False]
+
+
+def test_an_arm_in_the_way_of_another_offer_even_from_beside_goes_home(monkeypatch):
+    delay_s, home = Traffic.delay_s, []
+
+    def free_only_from_home(self, arm, *motion):
+        setpoint, taking = self._cell.robot.setpoint("psm1").q, self.lanes["psm1"].announced
+        home.append(setpoint if taking is None else taking(taking.times_s[-1]))
+        offered = len([event for event in self._cell.log.events if event["name"] == "offer"])
+        away = np.abs(home[-1][:3] - home[0][:3]).max() > 1e-3
+        return None if arm == "psm2" and offered == 1 and away else delay_s(self, arm, *motion)
+
+    monkeypatch.setattr(Traffic, "delay_s", free_only_from_home)
+    (after_s,), held = held_between_offers(monkeypatch, 2)
+    assert held == [True] and after_s < SETTINGS.margins.patience_s, "nobody waits until patience ends"
+
+
+def test_of_two_arms_with_blocks_and_no_room_the_one_whose_block_still_stands_lets_go(monkeypatch):
+    delay_s, stood = Traffic.delay_s, []
+
+    def no_room_with_two_blocks(self, arm, *motion):
+        placing = arm == "psm1" and self.lanes["psm1"].held is not None
+        if all(lane.held is not None for lane in self.lanes.values()):
+            stood.append(arm)
+            return None
+        return None if placing and not stood else delay_s(self, arm, *motion)
+
+    monkeypatch.setattr(Traffic, "delay_s", no_room_with_two_blocks)
+    lab, in_time, scores = played("handover", [GOAL, NEXT])
+    assert {"psm1", "psm2"} == set(stood), "each wanted to move"
+    assert in_time and all(score.succeeded for score in scores), scores
+    assert [event["arm"] for event in named(lab, "gives way")] == ["psm1", "psm2"]
 
 
 def test_an_arm_that_is_refused_its_way_out_of_a_block_waits_for_nothing(monkeypatch):

@@ -117,7 +117,8 @@ def test_arms_that_would_come_too_near_do_not_take():
 
 def test_before_a_meeting_nothing_is_known_and_nobody_has_had_the_block():
     meeting = HandoverState(Transfer(0, 6), "psm1")
-    told = (meeting.announced, meeting.crowded, meeting.offered, meeting.taken, meeting.released, meeting.parted)
+    told = (meeting.announced, meeting.begun, meeting.crowded, meeting.offered, meeting.taken, meeting.released)
+    told += (meeting.parted,)
     assert not meeting.passed and meeting.outcome is None and not any(event.is_set() for event in told)
 
 
@@ -134,7 +135,8 @@ def test_a_meeting_fails_once_and_then_neither_arm_waits_for_the_other():
     meeting.fail(TransferOutcome.DROPPED, "it slipped")
     meeting.fail(TransferOutcome.NOT_GRASPED, "nothing was there")
     assert (meeting.outcome, meeting.reason) == (TransferOutcome.DROPPED, "it slipped")
-    told = (meeting.announced, meeting.crowded, meeting.offered, meeting.taken, meeting.released, meeting.parted)
+    told = (meeting.announced, meeting.begun, meeting.crowded, meeting.offered, meeting.taken, meeting.released)
+    told += (meeting.parted,)
     assert all(event.is_set() for event in told) and not meeting.passed
 
 

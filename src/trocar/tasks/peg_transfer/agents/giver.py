@@ -44,13 +44,15 @@ class Giver(Side):
             T_board_block = self.table.blocks.pop(source)
             T_tip_block = self.arm.motions.gripped(self.arm.hand.q, T_board_block)
         try:
-            offered = await self._offer(meeting, T_tip_block, following, helpers)
+            stands = T_board_block is not None
+            offered = await self._offer(meeting, T_tip_block, stands, following, helpers)
         except Blocked:
             if T_board_block is None:
                 await self._put_back(T_tip_block, source)
             else:  # the block stands where it did: nothing has moved
                 self.table.blocks[source] = T_board_block
-                await self.arm.let_go()
+                await self.arm.open()
+                await self.arm.give_way()
             raise
         if not offered:
             meeting.fail(TransferOutcome.OUT_OF_REACH)
@@ -93,9 +95,26 @@ class Giver(Side):
         return motions.offering(q, T_tip_block, meeting.goal.source, offer.T_board_tip), offer
 
     async def _offer(
-        self, meeting: HandoverState, T_tip_block: SE3, following: HandoverState | None, helpers: trio.Nursery
+        self,
+        meeting: HandoverState,
+        T_tip_block: SE3,
+        stands: bool,
+        following: HandoverState | None,
+        helpers: trio.Nursery,
     ) -> bool:
-        """Bring a block to the handover, looking at the next one on the way; return False if no motion does it."""
+        """Bring a block to the handover, looking at the next one on the way; return False if no motion does it.
+
+        Args:
+            meeting: the handover.
+            T_tip_block: pose of the block in the jaws.
+            stands: whether it still stands on its peg. If the other arm cannot move either, and holds a block in the
+                air, this arm then gives up.
+            following: the next handover, if this arm gives then too.
+            helpers: run the look at the next block.
+
+        Raises:
+            Blocked: the other arm is in the way.
+        """
         hand = self.arm.hand
         ready = await self._offering.take()
         if ready is None or not starts_at(ready[0], hand.q):
@@ -106,6 +125,7 @@ class Giver(Side):
 
         def begun() -> None:
             meeting.announce(offer.T_board_tip, T_tip_block)
+            meeting.begun.set()
             self.script.look_ahead(helpers, path, following and following.goal, self.settings.parts_m)
 
         for tries in range(2 + self.settings.detours):
@@ -114,10 +134,11 @@ class Giver(Side):
                 await self.arm.move(path.trajectory, begun=begun, margin_m=margin_m, waits=tries > 0)
                 break
             except Blocked:
-                if tries > self.settings.detours:
+                carried = self.arm.coordinator.carries(self.other.name)
+                if tries > self.settings.detours or (tries and stands and carried):
                     raise
                 self.cell.log.event("crowded", arm=self.arm.name)
-                if meeting.crowded.is_set():  # the robot's guard waits for nobody: the other arm needs time to leave
+                if tries:  # the robot's guard waits for nobody: the other arm needs time to leave
                     await self.cell.clock.sleep(PAUSE_S)
                 meeting.crowded.set()
         self.cell.log.event("offer", arm=self.arm.name, room_mm=round(1e3 * offer.room_m, 2))

@@ -211,7 +211,8 @@ class HandoverState:
     reason: str = ""  # a sentence, if there is one
     passed: bool = False  # whether the receiving arm has had the block
     announced: trio.Event = field(default_factory=trio.Event)  # it is known where the block will be offered
-    # the receiving arm, waiting above, is in the giving one's way
+    begun: trio.Event = field(default_factory=trio.Event)  # the giving arm brings it
+    # the receiving arm is in the giving one's way; renewed when it leaves that way
     crowded: trio.Event = field(default_factory=trio.Event)
     offered: trio.Event = field(default_factory=trio.Event)  # the giving arm holds the block still, and waits
     taken: trio.Event = field(default_factory=trio.Event)  # the receiving arm holds it too
@@ -227,7 +228,7 @@ class HandoverState:
         """End this attempt, and wake whoever waits for it; the first outcome counts."""
         if self.outcome is None:
             self.outcome, self.reason = outcome, reason
-        for event in (self.announced, self.crowded, self.offered, self.taken, self.released, self.parted):
+        for event in (self.announced, self.begun, self.crowded, self.offered, self.taken, self.released, self.parted):
             event.set()
 
 

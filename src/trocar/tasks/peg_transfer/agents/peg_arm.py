@@ -182,13 +182,13 @@ class PegArm:
         """Return how wide the jaws open for a grasp."""
         return float(np.clip(grasp.jaw_rad, self.settings.release_rad, self.settings.jaw_open_rad))
 
-    async def go_over(self, T_board_tip: SE3) -> None:
-        """Travel to a pose over the pegs."""
+    async def go_over(self, T_board_tip: SE3, *, waits: bool = True) -> None:
+        """Travel to a pose over the pegs; ``waits`` as in :meth:`move`."""
         if np.linalg.norm(T_board_tip.translation_m - self.T_board_tip.translation_m) < AT_HEIGHT_M:
             return
         path = await self.plan(lambda: self.motions.over(self.hand.q, T_board_tip))
         if path is not None:
-            await self.move(path.trajectory)
+            await self.move(path.trajectory, waits=waits)
 
     async def grip(self, T_tip_block: SE3) -> bool:
         """Close the jaws; return whether they hold something, which is taken to be the block at ``T_tip_block``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from math import inf
@@ -20,6 +21,8 @@ from trocar.tasks.peg_transfer.agents.unilateral import OneArm, withdraw
 from trocar.tasks.peg_transfer.goals import TransferOutcome
 from trocar.tasks.peg_transfer.grasps import Grasp, held_block, yaw_of
 
+BEGINS_S = 0.15
+"""An arm that brings a block begins to move within this time once there is room."""
 UPRIGHT = 0.999
 """A tool is vertical if the cosine of the angle between its z and the board's is above this."""
 
@@ -47,28 +50,41 @@ class Receiver(Side):
         try:
             if not meeting.announced.is_set():
                 await self._wait_beside()
-                await self.wait_for(meeting.announced)
-            if meeting.outcome is None:
+                await self.wait_for(meeting.announced, meeting.crowded)
+            if meeting.announced.is_set() and meeting.outcome is None:
                 await self._wait_above(meeting, helpers)
         except Blocked:
-            await self.arm.give_way()
-        await self.wait_for(meeting.crowded, meeting.offered)
-        if not meeting.offered.is_set():  # the arm that brings the block needs room on its way
+            with suppress(Blocked):  # it may be able to take the block from where it is
+                await self.arm.retreat()
+        while True:
+            await self.wait_for(meeting.crowded, meeting.offered)
+            if meeting.offered.is_set():
+                return
             try:
-                await self._wait_beside()
-                await self._wait_above(meeting, helpers)
+                await self._make_room(meeting)
+                if meeting.outcome is None:
+                    await self._wait_above(meeting, helpers)
             except Blocked:
                 await self.arm.give_way()
-            await self.wait_for(meeting.offered)
+
+    async def _make_room(self, meeting: HandoverState) -> None:
+        """Leave the way of the arm that brings the block: beside it, or at home if it cannot begin even then."""
+        meeting.crowded = trio.Event()
+        await self._wait_beside()
+        with trio.move_on_after(BEGINS_S):
+            await self.wait_for(meeting.begun)
+        if not meeting.begun.is_set():
+            await self.arm.go_home()
+            await self.wait_for(meeting.begun)
 
     async def _wait_beside(self) -> None:
-        """Go to a place beside the handover, on this arm's side and higher."""
+        """Go to a place beside the handover, on this arm's side and higher; the other arm may be waiting for that."""
         x, y, z = self.settings.meeting_m
         tip_m = z + self.table.block.height_m - self.settings.depth_m
         beside = [x + self.own_side * ASIDE_M, y, tip_m + self.settings.waits_above_m]
         tip = self.arm.T_board_tip
         yaw_rad = yaw_of(tip) if tip.matrix[2, 2] > UPRIGHT else np.pi
-        await self.arm.go_over(SE3.from_parts(SO3.axis("z", yaw_rad), beside))
+        await self.arm.go_over(SE3.from_parts(SO3.axis("z", yaw_rad), beside), waits=False)
 
     async def _wait_above(self, meeting: HandoverState, helpers: trio.Nursery) -> None:
         """Go above the grasp expected from the giving arm's announcement; look as soon as the block is offered."""
