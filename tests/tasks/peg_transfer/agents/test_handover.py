@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trocar.arms import fk
 from trocar.errors import MotionRefused
 from trocar.robots.traffic import Traffic
 from trocar.tasks.peg_transfer.agents.peg_arm import PAUSE_S, PegArm
@@ -170,6 +171,30 @@ def test_an_arm_in_the_way_of_another_offer_even_from_beside_goes_home(monkeypat
     monkeypatch.setattr(Traffic, "delay_s", free_only_from_home)
     (after_s,), held = held_between_offers(monkeypatch, 2)
     assert held == [True] and after_s < SETTINGS.margins.patience_s, "nobody waits until patience ends"
+
+
+def test_an_arm_that_cannot_go_beside_rises_and_takes_what_is_offered_again(monkeypatch):
+    delay_s, found = Traffic.delay_s, Receiver._find_descent
+    refused, seen = [], []
+
+    def no_room_at_first(self, meeting, q, T_board_block, avoid):
+        seen.append(T_board_block)
+        return None if len(seen) <= 2 else found(self, meeting, q, T_board_block, avoid)
+
+    def straight_up_only(self, arm, motion, *rest):
+        start, end = (fk(self.lanes[arm].model, motion(t)).translation_m for t in motion.times_s[[0, -1]])
+        up = abs(end - start) @ np.abs(self.lanes[arm].T_world_base.inverse().rotation.apply([0.0, 0.0, 1.0]))
+        if arm == "psm1" and len(seen) == 2 and np.linalg.norm(end - start) > 1.2 * up:
+            refused.append(self._cell.clock.now_s())
+            return None
+        return delay_s(self, arm, motion, *rest)
+
+    monkeypatch.setattr(Receiver, "_find_descent", no_room_at_first)
+    monkeypatch.setattr(Traffic, "delay_s", straight_up_only)
+    lab, in_time, (score,) = played("handover", [GOAL], settings=replace(SETTINGS, rounds=2))
+    assert in_time and score.succeeded and refused
+    offers_s, (taking,) = [event["time_s"] for event in named(lab, "offer")], named(lab, "taking")
+    assert len(offers_s) == 2 and taking["time_s"] - offers_s[1] < SETTINGS.margins.patience_s
 
 
 def test_of_two_arms_with_blocks_and_no_room_the_one_whose_block_still_stands_lets_go(monkeypatch):
