@@ -42,6 +42,18 @@ def test_commands_that_exceed_the_limits_are_slowed_down_only_where_they_do():
     assert tip_speed_m_s(motion).max() < 1.02 * tip_speed_m_s(DESIRED).max()
 
 
+def test_the_tip_is_as_fast_as_planned_even_if_its_commands_lead_further():
+    steady = MotionLimits(0.1 * LIMITS.velocity, 0.85 * LIMITS.acceleration)
+    desired = rest_to_rest(START, START + [0.6, -0.1, -0.02, 0.2, -0.3, 0.1], steady)
+    commands = Trajectory(desired.times_s, 1.3 * desired.coefficients)
+    commands.coefficients[-1] -= 0.3 * START
+    assert limit_use(ARM, commands, LIMITS).acceleration_ratio > 1.0
+    motion, sent, _ = paced(ARM, desired, commands, LIMITS)
+    assert tip_speed_m_s(sent).max() > 1.2 * tip_speed_m_s(desired).max()
+    assert 0.97 < tip_speed_m_s(motion).max() / tip_speed_m_s(desired).max() < 1.02
+    assert motion.duration_s < 1.1 * desired.duration_s
+
+
 def test_both_stay_on_their_paths_and_pass_corresponding_places_at_the_same_time():
     commands = bent(DESIRED)
     motion, sent, times = paced(ARM, DESIRED, commands, LIMITS)
