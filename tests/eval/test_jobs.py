@@ -81,7 +81,7 @@ def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path):
         play(TrialOrder(config(), tmp_path / "elsewhere", 0, 0))
 
 
-def test_a_trial_whose_agent_failed_is_saved_and_told_by_numbers_from_one(tmp_path, played, monkeypatch):
+def test_a_trial_whose_agent_failed_is_saved_and_told_by_its_file(tmp_path, played, monkeypatch):
     def failed(run, prepared, index, *_, **__):
         return replace(synthetic_trial(run, index, session=1), ended=AGENT_ERROR, reason="KeyError: 'a mistake'")
 
@@ -89,7 +89,7 @@ def test_a_trial_whose_agent_failed_is_saved_and_told_by_numbers_from_one(tmp_pa
     run = config(sessions=2, trials=3)
     open_folder(run, tmp_path)
     order = TrialOrder(run, tmp_path, 1, 2)
-    assert play(order) == "session 2, trial 3: KeyError: 'a mistake'; --raise stops there"
+    assert play(order) == f"{tmp_path}/session_01/trial_002.npz: KeyError: 'a mistake'; --raise stops there"
     assert order.path.is_file() and play(order) == ""
 
 

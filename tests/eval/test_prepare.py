@@ -1,8 +1,11 @@
 """The preparation of a session: which runs share the models of its cables, and that nothing depends on the cache."""
 
+import tomllib
+from pathlib import Path
+
 from synthetic import config
 from trocar.eval.config import RunConfig
-from trocar.eval.prepare import CACHE, cable_file, cached_calibrations, calibration_key, prepare
+from trocar.eval.prepare import CACHE, NO_PART, cable_file, cached_calibrations, calibration_key, prepare
 from trocar.tasks.peg_transfer.task import PegTransfer
 
 ONE = PegTransfer(transfers=1)
@@ -19,6 +22,13 @@ def test_models_are_shared_where_nothing_differs_that_they_depend_on():
     key = calibration_key(run, 0, "psm1")
     assert {calibration_key(one, 0, "psm1") for one in same} == {key}
     assert key not in {calibration_key(one, 0, "psm1") for one in other} | {calibration_key(run, 1, "psm1")}
+
+
+def test_what_a_changed_program_still_uses_was_fitted_without_the_packages_that_changed():
+    contracts = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["tool"]["importlinter"]
+    layers = next(contract["layers"] for contract in contracts["contracts"] if contract["type"] == "layers")
+    above = " | ".join(layers[: layers.index("trocar.collect")]).split(" | ")
+    assert {f"trocar.{package}" for package in NO_PART} == {*above} - {"trocar.eval"}, "what collects imports none"
 
 
 def test_a_damaged_or_forbidden_cache_is_no_trouble(tmp_path, monkeypatch):

@@ -87,7 +87,7 @@ def play(
     trial.save(order.path)
     gc.collect()  # a world's parts refer to one another, so that a run of ten trials would hold 2 GB
     if trial.ended == AGENT_ERROR:
-        return f"session {order.session + 1}, trial {order.index + 1}: {trial.reason}; --raise stops there"
+        return f"{order.path}: {trial.reason}; --raise stops there"
     return ""
 
 

@@ -38,6 +38,9 @@ NO_MATTER = {"variant", "options", "arms", "method", "planner", "perception", "s
 NO_MATTER |= {"command_noise", "observations"}
 """Keys of a run's configuration that do not affect its fitted cable models."""
 
+NO_PART = {"bags", "cli", "console", "crtk", "learn", "report", "tasks", "testing", "view"}
+"""Packages above those that calibrate: nothing there is imported by them, so calibrations outlast changes to them."""
+
 CACHE = "TROCAR_CACHE"
 """Environment variable that names the folder of the cache."""
 
@@ -189,8 +192,9 @@ def calibration_key(config: RunConfig, session: int, arm: str) -> str:
 
 @cache
 def _source_digest() -> str:
-    """Return the digest of Trocar's own source, so that a changed program uses no calibrations of an older one."""
-    digest = hashlib.sha256()
-    for file in sorted(Path(trocar.__file__).parent.rglob("*.py")):
-        digest.update(file.read_bytes())
+    """Return the digest of the source that a calibration runs, so that none is used that older code has fitted."""
+    digest, root = hashlib.sha256(), Path(trocar.__file__).parent
+    for file in sorted(root.rglob("*.py")):
+        if file.relative_to(root).parts[0] not in NO_PART:
+            digest.update(file.read_bytes())
     return digest.hexdigest()[:16]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from trocar.eval.statistics import by_session, session_interval
 from trocar.eval.trial import Trial
 from trocar.eval.trials import noted
 from trocar.notebook import table
+from trocar.report.tables import failure_counts
 from trocar.report.timechart import OTHER, parts_of
 
 MISSED_WARNING = 0.01
@@ -82,7 +82,7 @@ def summarise(trials: Sequence[Trial], report: TaskReport | None = None) -> Summ
             },
             "parts_s": _parts(trials, count, report.parts),
             "collisions_per_trial": None if robot else sum(len(trial.collisions) for trial in trials) / len(trials),
-            "failures": dict(Counter(str(score["failure"]) for score in attempted if score["failure"])),
+            "failures": dict(failure_counts(attempted)),
             "command_limit_use": {"velocity": use[0], "acceleration": use[1]},
             "compute_ms": compute,
             "missed_budgets": missed,

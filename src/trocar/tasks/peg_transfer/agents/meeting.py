@@ -90,11 +90,11 @@ class HandoverGeometry:
             upright = SO3.axis("z", now + turn)
             pose = SE3.from_parts(upright, middle - upright.apply(T_tip_block.translation_m))
             taken = self._best_grasp(pose @ T_tip_block, pose)
-            if (
-                taken is not None
-                and (room_m := self._preference_m(taken.clearance_m, taken.T_board_tip, pose)) > most_m
-            ):
-                best, most_m = Offer(pose, taken.clearance_m), room_m
+            if taken is None:
+                continue
+            preference_m = self._preference_m(taken.clearance_m, taken.T_board_tip, pose)
+            if preference_m > most_m:
+                best, most_m = Offer(pose, taken.clearance_m), preference_m
             if most_m >= ROOM_M:
                 break
         return best or "there is no pose in which both arms could hold the block"
@@ -146,10 +146,8 @@ class HandoverGeometry:
                 taking = capsules(receiver.model, coming[0], receiver.held_rad)
                 both = (lowering, holding), (taking, rising)
                 room_m = _room_m(both, T_giver_receiver)
-                if (
-                    self._preference_m(room_m, pose, T_board_giver) > most_m
-                ):  # the guard measures from the registered bases
-                    room_m = min(room_m, _room_m(both, T_guarded))
+                if self._preference_m(room_m, pose, T_board_giver) > most_m:
+                    room_m = min(room_m, _room_m(both, T_guarded))  # the guard measures from the registered bases
                 if (preference_m := self._preference_m(room_m, pose, T_board_giver)) > most_m:
                     best, most_m = Grasp(pose, coming[0], receiver.open_rad, room_m, candidate), preference_m
         return best
