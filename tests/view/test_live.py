@@ -13,7 +13,7 @@ from live_scene import REPLAY, MadeUpScene, messages, moment, until
 
 from trocar.errors import MachineError
 from trocar.geometry import SE3, SO3
-from trocar.replay import Contact
+from trocar.replay import Contact, ToolPath
 from trocar.view.camera_panel import FOUND
 from trocar.view.film import STILL_M, STILL_RAD
 from trocar.view.live import TRAIL_S, LiveView, Picture, legend
@@ -102,27 +102,94 @@ def test_another_trial_begins_without_paths_contacts_and_events_of_the_one_befor
     assert not view._balls and node(view, "/contacts/1") is None and "contact" not in view._events.content
 
 
+class Shifted(MadeUpScene):
+    """Its fixed bodies stand elsewhere."""
+
+    def shown(self, *about):
+        replay = super().shown(*about)
+        still = {body: SHIFT @ T for body, T in replay.T_world_body.items() if T.matrix.ndim == 2}
+        return replace(replay, T_world_body={**replay.T_world_body, **still})
+
+
+class Trembling(MadeUpScene):
+    """Everything that moves moves 6 um up and down besides."""
+
+    def shown(self, title, times_s, *about):
+        replay = super().shown(title, times_s, *about)
+        up_m = np.array([0.0, 0.0, 6e-6 * (round(20 * times_s[0]) % 2)])
+        up = SE3.from_parts(translation_m=up_m)
+        bodies = {body: up @ T if T.matrix.ndim == 3 else T for body, T in replay.T_world_body.items()}
+        tools = {a: ToolPath(p.p_world_planned_m, p.p_world_driven_m + up_m) for a, p in replay.tools.items()}
+        return replace(replay, T_world_body=bodies, tools=tools)
+
+
+class Repainted(MadeUpScene):
+    """Its first block is of another colour."""
+
+    def shown(self, *about):
+        replay = super().shown(*about)
+        paint = {"block0": (0.1, 0.2, 0.3, 1.0)}
+        return replace(replay, solids=tuple(replace(s, rgba=paint.get(s.body, s.rgba)) for s in replay.solids))
+
+
 def test_another_trial_has_its_board_where_it_is():
     """Each session has its own; a person works by what the page shows."""
-
-    class Shifted(MadeUpScene):
-        def shown(self, *about):
-            replay = super().shown(*about)
-            still = {body: SHIFT @ T for body, T in replay.T_world_body.items() if T.matrix.ndim == 2}
-            return replace(replay, T_world_body={**replay.T_world_body, **still})
-
     view = LiveView(MadeUpScene(), "made up", moment(0), port=0)
     drawn = {solid.body for solid in REPLAY().solids}
     board = next(body for body, T in REPLAY().T_world_body.items() if T.matrix.ndim == 2 and body in drawn)
-    before = node(view, f"/bodies/{board}")
+    before_m = np.array(node(view, f"/bodies/{board}").position)
     nodes = len(view.server.scene._handle_from_node_name)
     view.begin(Shifted())
     view.show(moment(0))
-    shifted_m = np.array(node(view, f"/bodies/{board}").position) - before.position
+    shifted_m = np.array(node(view, f"/bodies/{board}").position) - before_m
     assert_allclose(shifted_m, SHIFT.translation_m, atol=1e-9)
     assert len(view.server.scene._handle_from_node_name) == nodes, "nothing is left of the board before"
     view.show(moment(100))
     view.close()
+
+
+def test_another_trial_draws_only_bodies_again_that_look_different(view):
+    before = {body: node(view, f"/bodies/{body}") for body in view._moving}
+    view.begin(Repainted())
+    view.show(moment(100))
+    assert {body for body, drawn in before.items() if node(view, f"/bodies/{body}") is not drawn} == {"block0"}
+    assert node(view, "/bodies/block0/0").color == (26, 51, 76)
+    assert_allclose(
+        node(view, "/bodies/block0").position, REPLAY().T_world_body["block0"].translation_m[100], atol=1e-6
+    )
+
+
+def test_a_browser_that_comes_late_gets_every_body_where_it_is(view):
+    view.show(moment(100))
+    view.begin(Shifted())
+    for tick in (250, 350):
+        view.show(moment(tick))
+    at_m = {}
+    for message in messages(view.port):
+        if message["type"] in ("FrameMessage", "SetPositionMessage"):
+            at_m[message["name"]] = message.get("position", at_m.get(message["name"]))
+        if message["type"] == "ReplayDoneMessage":
+            break
+    now = view._replay(moment(350))
+    for body in {solid.body for solid in now.solids}:
+        wanted = now.T_world_body[body].translation_m.reshape(-1, 3)[0]
+        assert_allclose(at_m[f"/bodies/{body}"], wanted, atol=STILL_M, err_msg=body)
+
+
+def test_of_a_cell_that_rests_nothing_is_sent(view):
+    """Of arms that tremble too little to be seen neither, once their trails have shrunk to points."""
+    view.begin(Trembling())
+    view._due_s = np.inf  # leaves out the panel
+    for k in range(60):
+        view.show(replace(moment(200), time_s=2.0 + 0.05 * k))
+    sent = view.server._websock_server.get_message_buffer()
+    before = sent.message_counter
+    view.show(replace(moment(200), time_s=5.0))
+    assert sent.message_counter == before
+    assert all(np.ptp(line.points, axis=0).max() == 0 for tip in view._tips for line in tip._lines)
+    view.show(replace(moment(300), time_s=5.05))
+    for tip in view._tips:
+        assert_allclose(tip._lines[1].points[-1, 1], REPLAY().tools[tip.arm].p_world_driven_m[300], atol=STILL_M)
 
 
 def test_while_the_clock_stands_nothing_is_kept(view):

@@ -210,8 +210,8 @@ class ConsoleView(LiveView):
         assert isinstance(moment, ConsoleMoment)
         if moment.scene is not None:
             self.begin(moment.scene)
-        super().show(moment)
         with self.server.atomic():
+            super().show(moment)
             self._show_standing(moment.standing)
             if moment.flaws != self._flaws_shown:  # they change once a trial
                 self._flaws_shown = moment.flaws

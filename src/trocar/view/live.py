@@ -16,8 +16,9 @@ from PIL import Image
 
 from trocar.geometry import SE3
 from trocar.replay import Contact, Replay
+from trocar.view.bodies import Bodies
 from trocar.view.camera_panel import reduced, with_outlines
-from trocar.view.film import shoot
+from trocar.view.film import STILL_M, shoot
 from trocar.view.joints_panel import Joints, add_joints
 from trocar.view.recent import Recent, add_recent
 from trocar.view.replay import notice
@@ -27,7 +28,6 @@ from trocar.view.stage import (
     CONTACT,
     MIN_S,
     THIN_PX,
-    Bodies,
     Rgb,
     above_tips_m,
     add_arm_label,
@@ -41,7 +41,7 @@ from trocar.view.stage import (
 )
 from trocar.view.surroundings import add_ports, lay_table
 from trocar.view.timeline import WINDOW_S, LiveTimeLine, Span
-from trocar.view.trial_view import PANELS_PER_S, in_words
+from trocar.view.trial_view import in_words
 from trocar.view.viewpoint import BESIDE_PANEL, CameraView, viewpoint
 
 TRAIL_S = 2.0
@@ -49,6 +49,8 @@ TRAIL_S = 2.0
 KEPT_EVENTS, BALLS = 12, 50
 STEPS, PICTURES, EVENTS, JOINTS, LAST = range(2, 7)
 """Places in the panel, below clock and arms."""
+PANELS_PER_S = 5.0
+"""Updates of the panel beside the scene, a second of the wall clock."""
 RATE_S = 2.0
 """Time over which the clock's rate is averaged."""
 GOOD: Rgb = (24, 132, 74)
@@ -217,9 +219,9 @@ class LiveView:
     def _draw_anew(self, replay: Replay) -> None:
         """Draw the bodies of a new scene and their surroundings: each trial has its own."""
         self._anew = False
-        self._bodies.remove()
         film, scene = shoot(replay), self.server.scene
-        self._moving, self._bodies = film.bodies, Bodies(scene, replay, film)
+        self._moving = film.bodies
+        self._bodies.begin(replay, film)
         lay_table(scene, replay, film)
         add_ports(scene, replay, film)
 
@@ -302,6 +304,7 @@ class Tip:
 
     def __init__(self, scene: Any, arm: str, colour: Rgb, replay: Replay, view: CameraView) -> None:
         self.arm, self.colour, self.off_m = arm, colour, 0.0
+        self._rested = False  # for as long as its trail is drawn
         self._above_m = above_tips_m(replay, view)[arm]
         self._points: Recent[NDArray[np.float32]] = deque([(-np.inf, self._places(replay))])
         start = np.stack([self._points[0][1]] * 2)
@@ -320,13 +323,18 @@ class Tip:
 
     def show(self, replay: Replay, moment: Moment) -> None:
         """Draw a moment."""
-        places = self._places(replay)
+        places, last = self._places(replay), self._points[-1][1]
         self.off_m = float(np.linalg.norm(places[1] - places[0]))
+        if np.abs(places - last).max() <= STILL_M:
+            places = last
         add_recent(self._points, moment.time_s, places, TRAIL_S)
-        trail = np.stack([points for _, points in self._points])
-        for k, line in enumerate(self._lines):
-            line.points = segments(trail[:, k])
-        self._dot.position, self._label.position = places[0], places[1] + self._above_m
+        rests = self._points[0][1] is places
+        if not (rests and self._rested):  # else it is drawn already
+            trail = np.stack([points for _, points in self._points])
+            for k, line in enumerate(self._lines):
+                line.points = segments(trail[:, k])
+            self._dot.position, self._label.position = places[0], places[1] + self._above_m
+        self._rested = rests
         doing = [name for arm, name, _ in moment.begun if arm == self.arm][-1:]  # the innermost
         if self.arm in moment.arms:
             doing.append(moment.arms[self.arm].state)

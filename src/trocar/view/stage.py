@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.geometry import SE3
 from trocar.replay import Contact, Replay
-from trocar.view.film import STILL_M, STILL_RAD, Film
+from trocar.view.bodies import Bodies
+from trocar.view.film import Film
 from trocar.view.framing import frame_windows, look_from
-from trocar.view.mesh import Mesh, Rgba, body_parts
 from trocar.view.surroundings import add_ports, lay_table
 from trocar.view.viewpoint import ASPECT, LABEL, ROW, CameraView, viewpoint
 
@@ -277,56 +275,6 @@ class Contacts:
         time_s = float(self._times_s[frame])
         for ball, start_s, end_s in self._touches:
             ball.visible = start_s <= time_s < end_s  # viser sends only changes
-
-
-class Bodies:
-    """Bodies at their poses, at first those of frame 0: nodes ``/bodies/NAME`` in the world's frame.
-
-    A node is moved once its body is more than ``STILL_M`` or ``STILL_RAD`` from where it is drawn.
-    """
-
-    def __init__(self, scene: SceneApi, replay: Replay, film: Film) -> None:
-        self._scene, self._moved = scene, film.moved
-        # browsers draw in single precision
-        self._position_m, self._wxyz = film.position_m.astype(np.float32), film.wxyz.astype(np.float32)
-        parts = body_parts(replay.solids)
-        still = [body for body in parts if body not in film.bodies]
-        self._still = [self._draw(body, parts[body], replay.T_world_body[body]) for body in still]
-        first = {body: SE3.unchecked(replay.T_world_body[body].matrix[film.ticks[0]]) for body in film.bodies}
-        self._nodes = [self._draw(body, parts[body], first[body]) for body in film.bodies]
-        self._drawn_m, self._drawn_wxyz = self._position_m[:, 0].copy(), self._wxyz[:, 0].copy()
-
-    def remove(self) -> None:
-        """Remove them from the scene."""
-        for node in (*self._still, *self._nodes):
-            node.remove()
-
-    def moved(self, frame: int) -> Iterator[tuple[str, NDArray[np.float32], NDArray[np.float32]]]:
-        """Yield name, position (3,) m and wxyz (4,) of the nodes that have moved since the previous frame."""
-        for i in np.flatnonzero(self._moved[:, frame]).tolist():
-            yield self._nodes[i].name, self._position_m[i, frame], self._wxyz[i, frame]
-
-    def show(self, frame: int) -> None:
-        """Move all bodies to their poses at a frame."""
-        self.place(self._position_m[:, frame], self._wxyz[:, frame])
-
-    def place(self, position_m: NDArray[np.float32], wxyz: NDArray[np.float32]) -> None:
-        """Move the film's bodies, in its order, to these positions (m, 3) and orientations (m, 4)."""
-        moved = np.linalg.norm(position_m - self._drawn_m, axis=1) > STILL_M
-        moved |= 2 * np.linalg.norm(wxyz - self._drawn_wxyz, axis=1) > STILL_RAD  # |dq| is half a small angle
-        for i in np.flatnonzero(moved).tolist():
-            self._nodes[i].position, self._nodes[i].wxyz = position_m[i], wxyz[i]
-        self._drawn_m[moved], self._drawn_wxyz[moved] = position_m[moved], wxyz[moved]
-
-    def _draw(self, body: str, parts: dict[Rgba, Mesh], T_world_body: SE3) -> Any:
-        """Add a body to the scene and return its node."""
-        name = "/bodies/" + body.replace("/", "|")  # a slash would attach one body to another
-        position, wxyz = T_world_body.translation_m, T_world_body.rotation.as_quaternion()
-        node = self._scene.add_frame(name, show_axes=False, position=position, wxyz=wxyz)
-        for number, ((*rgb, alpha), mesh) in enumerate(parts.items()):
-            colour, opacity = np.rint(255 * np.clip(rgb, 0.0, 1.0)).astype(np.uint8), alpha if alpha < 1 else None
-            self._scene.add_mesh_simple(f"{name}/{number}", mesh.vertices_m, mesh.faces, color=colour, opacity=opacity)
-        return node
 
 
 LAMP = (-0.9, 1.6, 3.6)
