@@ -229,6 +229,21 @@ def test_an_arm_that_is_refused_its_way_out_of_a_block_waits_for_nothing(monkeyp
     assert in_time and scores[0].succeeded, scores
 
 
+def test_jaws_too_wide_to_rise_beside_the_other_arm_open_less():
+    class Narrow(Guarded):
+        """The guard refuses to move jaws that are wide open once they have let go."""
+
+        direction, refusals = 1, 9
+
+        async def move(self, motions):
+            wide = self.inner.read("psm2").jaw_rad > SETTINGS.jaw_open_rad - 0.03
+            return await (super().move(motions) if wide else self.inner.move(motions))
+
+    lab, in_time, (score,) = played("handover", [GOAL], robot=Narrow)
+    assert in_time and score.succeeded and not named(lab, "stayed")
+    assert 0 < len(named(lab, "refused")) < Narrow.refusals
+
+
 def test_a_block_that_nobody_takes_is_put_back():
     lab, in_time, (score,) = played("handover", [GOAL], robot=stuck("psm1"))
     assert in_time and at_rest(lab)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -173,15 +174,29 @@ class Giver(Side):
             return
         self.script.seen.put(seen)
         try:
-            await self.rise()
-        except Blocked:
-            self.cell.log.event("stayed", arm=self.arm.name, reason="there was no room to rise")
+            risen = await self._risen()
         finally:
             meeting.parted.set()
+        if not risen:  # sideways, a finger in the hole would take the block along
+            return
         try:
             await self.arm.shift((self.own_side * ASIDE_M, 0.0, 0.0), self.settings.meeting_margin_m)
         except Blocked:
             await self.arm.give_way()
+
+    async def _risen(self) -> bool:
+        """Rise out of a block that the other arm holds; return whether there was room.
+
+        Jaws that are less open leave more of it, but turn the block more often.
+        """
+        for jaw_rad in (None, self.settings.release_rad):
+            if jaw_rad is not None:
+                await self.arm.open(jaw_rad)
+            with suppress(Blocked):
+                await self.rise()
+                return True
+        self.cell.log.event("stayed", arm=self.arm.name, reason="there was no room to rise")
+        return False
 
     async def _go_on(self, meeting: HandoverState, following: HandoverState, seen: Seen, helpers: trio.Nursery) -> bool:
         """Rise out of the block and approach the next one in one motion; return whether that was possible.
