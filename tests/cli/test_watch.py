@@ -2,11 +2,14 @@
 
 import json
 import socket
+from types import SimpleNamespace
 
 import pytest
 
 from trocar.cell import SEAT
+from trocar.cli.run import _watched
 from trocar.console import Watch
+from trocar.console.watch import FROZEN_S
 from trocar.errors import EmergencyStop
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
@@ -107,6 +110,49 @@ def test_a_person_moves_an_arm_through_a_device(tmp_path):
     assert trial.ended == "done" and len(watch.latencies_s) > 20 and all("error" not in answer for answer in told)
     rose_m = told[-1]["arms"]["psm1"]["position"][2] - told[1]["arms"]["psm1"]["position"][2]
     assert abs(rose_m - 0.01) < 5e-4
+
+
+@pytest.mark.slow
+def test_a_trial_that_was_watched_has_the_bytes_of_one_that_nobody_saw(tmp_path):
+    pytest.importorskip("viser")
+    config = RunConfig(PegTransfer(transfers=1), method="uncalibrated", seed=3)
+    prepared = prepare(config, 0, tmp_path)
+    run_trial(config, prepared, 0).save(tmp_path / "alone.npz")
+    with Watch(speed=0.0, port=0) as watch:
+        run_trial(config, prepared, 0, attendant=watch).save(tmp_path / "watched.npz")
+        assert watch._page is not None and watch._shown is not None, "it was shown"
+    assert (tmp_path / "alone.npz").read_bytes() == (tmp_path / "watched.npz").read_bytes()
+
+
+def test_a_page_whose_process_hangs_counts_as_left_once_each_time():
+    watch, page = Watch(port=None), SimpleNamespace(ended=False, unanswered_s=FROZEN_S + 1.0, said=list)
+    watch._page = page
+    assert [one.wish for one in watch._hear()] == [Wish.LEFT]
+    assert not watch._hear()
+    page.unanswered_s = 0.0
+    assert not watch._hear()
+    page.unanswered_s = FROZEN_S + 1.0
+    assert [one.wish for one in watch._hear()] == [Wish.LEFT]
+
+
+@pytest.mark.parametrize("how", ["stopped", "paused"])
+def test_a_run_that_stands_ends_with_the_process_of_its_page(how):
+    """Nobody could let it go on."""
+    watch = Watch(port=None)
+    watch._page = SimpleNamespace(ended=True, unanswered_s=0.0, said=list)
+    assert not watch._hear(), "a run that needs nobody goes on"
+    setattr(watch.console, how, True)
+    assert [one.wish for one in watch._hear()] == [Wish.EMERGENCY]
+
+
+def test_latencies_are_printed_though_an_emergency_stop_ends_the_run(capsys):
+    with (
+        pytest.raises(EmergencyStop),
+        _watched(watch=True, confirm="", speed=1.0, devices=None, jobs=1) as console,
+    ):
+        console.latencies_s += [0.010, 0.030]
+        raise EmergencyStop("pressed")
+    assert "p50 20 ms" in "".join(capsys.readouterr())
 
 
 @pytest.mark.slow

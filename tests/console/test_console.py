@@ -306,6 +306,27 @@ def test_while_an_arm_is_lent_its_last_motion_tells_nothing_and_afterwards_all_t
     assert len(desk.events("handed back")) == 1
 
 
+def test_an_arm_that_is_taken_again_while_its_jaws_return_comes_into_the_persons_hands_again():
+    desk = Desk([(1.0, Said(Wish.TAKE, "a")), (2.0, Said(Wish.JAW, "a", 1.0)), (4.0, Said(Wish.RETURN, "a"))])
+    again = []
+
+    def take_again():
+        if desk.console._returned and not again:
+            again.append(desk.arms.now_s())
+            desk.plan = [(again[0], Said(Wish.TAKE, "a")), (again[0] + 2.0, Said(Wish.RETURN, "a"))]
+
+    desk.arms.each_tick.append(take_again)
+
+    async def script():
+        await desk.robot.jaw("a", 0.1)
+        await desk.robot.move({"a": MOTION})
+
+    desk.run(script)
+    taken, back = desk.events("taken over"), desk.events("handed back")
+    assert len(taken) == len(back) == 2 and again[0] < taken[1]["time_s"] < back[1]["time_s"] - 1.5
+    np.testing.assert_allclose(desk.arms.sent["a"][-1], GOAL, atol=1e-9)
+
+
 def test_an_arm_that_is_stopped_on_its_way_back_stays_in_the_persons_hands():
     plan = [
         (0.1, Said(Wish.TAKE, "a")),
@@ -529,6 +550,26 @@ def test_what_stands_tells_what_waits():
     np.testing.assert_allclose(ghost.q, GOAL, atol=1e-9)
 
 
+def test_what_is_shown_as_asked_is_asked():
+    desk = Desk([(0.3, Said(Wish.TAKE, "a")), (1.0, Said(Wish.RETURN, "a")), (2.0, Said(Wish.YES))], Level.MOTIONS)
+    same = desk.each_tick(lambda: desk.console.standing.asks is desk.console.asks)
+    assert desk.move()["a"].done and all(same)
+
+
+def test_the_log_says_what_the_person_chose():
+    levels = [(0.1, Said(Wish.LEVEL, value=Level.MOTIONS)), (1.0, Said(Wish.YES)), (4.0, Said(Wish.SPEED, value=2.0))]
+    desk = Desk(levels)
+    desk.run(lambda: _later(desk))
+    chosen, yes, speed = desk.events("person")
+    assert chosen["level"] == Level.MOTIONS.value and "a moves" in yes["words"] and speed["speed"] == 2.0
+
+
+async def _later(desk):
+    await trio.sleep(0.5)
+    await desk.robot.move({"a": MOTION})
+    await trio.sleep(2.0)
+
+
 def test_a_device_that_falls_silent_lets_go(monkeypatch):
     said = [(at_s, at(T, at_s, "pad")) for at_s, T in ((0.1, SE3.identity()), (0.2, SHIFT))]
     desk = Desk([*said, (3.0, Said(Wish.DONE))])
@@ -546,6 +587,18 @@ def test_of_two_inputs_the_one_that_holds_an_arm_is_followed():
         (2.0, Said(Wish.DONE)),
     ]
     np.testing.assert_allclose(Desk(plan).work(), SHIFT.translation_m, atol=1e-6)
+
+
+def test_another_scale_or_orientation_within_one_hold_moves_nothing():
+    turned = SO3.exp(np.array([0.0, 0.3, 0.9])).as_quaternion()
+    then = Held(SHIFT.translation_m, SO3.exp(np.zeros(3)).as_quaternion(), turns=False)
+    holds = [then._replace(position_m=np.zeros(3)), then, then._replace(scale=3.0, turns=True, wxyz=turned)]
+    desk = Desk(
+        [(0.1 + 0.7 * k, Said(Wish.HOLD, "a", held)) for k, held in enumerate(holds)] + [(3.0, Said(Wish.DONE))]
+    )
+    start = desk.tip()
+    np.testing.assert_allclose(desk.work(), SHIFT.translation_m, atol=1e-6)
+    np.testing.assert_allclose(desk.tip().rotation.matrix, start.rotation.matrix, atol=1e-6)
 
 
 def test_a_scaled_hand_moves_the_tip_less_and_a_locked_one_does_not_turn_it():

@@ -153,15 +153,18 @@ def test_the_instrument_is_drawn_where_a_motion_would_bring_it_until_that_is_ans
     opened.view.close()
 
 
-def test_a_second_browser_may_watch_and_not_command(opened):
+def test_a_second_browser_may_watch_and_stop_but_not_command(opened):
     opened, _ = opened
     opened.show()
     opened.said.clear()
     with browser(900, 700) as second:
         second.open(f"http://127.0.0.1:{opened.view.port}", COARSE)
         second.until("document.body.innerText.includes('Stop (S)')")
-        second.press("Stop")
+        second.press("Take over")
         second.until("document.body.innerText.includes('Another page holds the controls')")
+        assert not opened.said
+        assert opened.press(second, "Stop").wish is Wish.STOP
+        opened.said.clear()
     time.sleep(1.0)
     assert not opened.said, "a page that only watched is not missed"
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -298,9 +299,11 @@ def test_a_page_that_stands_still_or_has_gone_holds_nobody_up():
         until(lambda: page.waits)
         os.kill(page._process.pid, signal.SIGSTOP)
         page.show(moment(10))
-        assert not page.waits
+        time.sleep(0.3)
+        assert not page.waits and page.unanswered_s >= 0.3
         os.kill(page._process.pid, signal.SIGCONT)
         until(lambda: page.waits)
+        assert page.unanswered_s == 0.0
         os.kill(page._process.pid, signal.SIGKILL)
         page._process.join(LIMIT_S)
         assert not page.waits

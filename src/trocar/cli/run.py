@@ -162,10 +162,12 @@ def _watched(watch: bool, confirm: str, speed: float, devices: int | None, jobs:
         raise UnknownName("--confirm", confirm, [level for level in levels if level])
     told = partial(beside().print, "console:")
     with Watch(levels[confirm], speed, inputs=devices, told=told) as console:
-        yield console
-    if console.latencies_s:
-        p50, p95 = 1e3 * np.percentile(console.latencies_s, (50, 95))
-        beside().print(f"from a hand to the set-point: p50 {p50:.0f} ms, p95 {p95:.0f} ms")
+        try:
+            yield console
+        finally:  # an emergency stop ends the run by an error
+            if console.latencies_s:
+                p50, p95 = 1e3 * np.percentile(console.latencies_s, (50, 95))
+                beside().print(f"from a hand to the set-point: p50 {p50:.0f} ms, p95 {p95:.0f} ms")
 
 
 def _is_policy(method: Method) -> bool:

@@ -11,7 +11,6 @@ from typing import Any
 import trio
 from trio.testing import wait_all_tasks_blocked
 
-from trocar.arms import fk
 from trocar.cell import Cell, GoalOffer
 from trocar.console.hand import Hand
 from trocar.console.question import Question
@@ -24,7 +23,7 @@ from trocar.view.live import BAD, GOOD, WAITS
 
 POLL_S = 0.01
 """Interval at which the page is polled while the clock is paused."""
-STREAMED = (Wish.HOLD, Wish.RELEASE, Wish.SPEED, Wish.PAUSE, Wish.STEP)
+STREAMED = (Wish.HOLD, Wish.RELEASE)
 """Wishes that are not logged as events: they may come many times a second, as may a device's jaw commands."""
 
 
@@ -43,12 +42,14 @@ class Console:
         paced: whether a simulator's clock waits for the console each tick (``wait``); else ``serve`` polls the page.
         over: returns whether the cell is ending, so that its clock must not pause any more.
         stopped: whether the arms were stopped before; then nothing moves until the person lets them go on.
+        paused: whether the clock was paused before.
 
     Attributes:
         cell: below any compensation; None before ``supervise``.
         hands: the arms that the person moves.
         latencies_s: time from each input to the set-point that followed it.
         stopped: whether the arms are stopped.
+        paused: whether the person has paused the clock.
         ended: why the person ended the trial; empty if nobody did.
     """
 
@@ -63,6 +64,7 @@ class Console:
         paced: bool = True,
         over: Callable[[], bool] = lambda: False,
         stopped: bool = False,
+        paused: bool = False,
     ):
         self.level, self.speed, self._noun, self._hear, self._show = level, speed, noun, hear, show
         self._paced, self._over = paced, over
@@ -72,8 +74,9 @@ class Console:
         self._robot: Supervised | None = None
         self._question: Question | None = None
         self._asked, self._goal_begins, self._offers, self._works = 0, True, False, False
-        self.stopped, self._paused, self.ended = stopped, False, ""
+        self.stopped, self.paused, self.ended = stopped, paused, ""
         self._taken: set[str] = set()
+        self._returned: dict[str, bool] = {}  # arms whose jaws still return: whether to take them over again
         self._scopes: dict[str, trio.CancelScope] = {}
         self._changed, self._done = trio.Event(), trio.Event()
         self._steps, self._due_s = 0, math.nan
@@ -116,7 +119,7 @@ class Console:
 
     @property
     def _stands(self) -> bool:
-        return not self.ended and not self._steps and (self._paused or self.asks) and not self._over()
+        return not self.ended and (self.asks or (self.paused and not self._steps)) and not self._over()
 
     # implements trocar.robots.supervised.Supervisor
 
@@ -207,6 +210,7 @@ class Console:
         finally:
             self.hands.pop(arm)
             self.latencies_s += hand.latencies_s
+        self._returned[arm] = False
         while jaw_rad is not None:
             while self.stopped:
                 await self._changed.wait()
@@ -215,7 +219,8 @@ class Console:
                 break
         cell.log.event("handed back", arm=arm)
         del self._scopes[arm]
-        self._taken.discard(arm)
+        if not self._returned.pop(arm):
+            self._taken.discard(arm)
         self._change()
 
     async def _brought_back(self, cell: Cell, hand: Hand) -> bool:
@@ -272,10 +277,10 @@ class Console:
         return bool(said)
 
     def _take_in(self, said: Said) -> None:  # noqa: PLR0912  a wish each
-        hand = self.hands.get(said.arm)
+        hand, told = self.hands.get(said.arm), {"arm": said.arm} if said.arm else {}
         match said.wish:
             case Wish.YES | Wish.ANOTHER if self.asks and said.value in (None, self._asked):
-                self._choose_or_turn_over(said.wish)
+                told["words"] = self._choose_or_turn_over(said.wish)
             case Wish.STOP:
                 self._stop("")
             case Wish.GO_ON:
@@ -286,6 +291,8 @@ class Console:
                 self._stop(said.value or "a person pressed the emergency stop")
             case Wish.LEFT if self.needed:  # nobody is left to hold an arm or to confirm a motion
                 self._stop("")
+            case Wish.TAKE if said.arm in self._returned:
+                self._returned[said.arm] = True
             case Wish.TAKE if not self._works:
                 self._taken.add(said.arm)
             case Wish.RETURN if said.arm in self._scopes and not self.stopped:
@@ -296,33 +303,42 @@ class Console:
                 hand.release(said.source)
             case Wish.JAW if hand is not None and not self.stopped:
                 hand.open_jaws(said.value, anew=not said.source)
+                told["share"] = said.value
             case Wish.LEVEL:
-                self.level = said.value
+                self.level, told["level"] = said.value, said.value.value
                 if not self._must_wait(self._question):
                     self._answer(self._question)
             case Wish.SPEED if self._paced:
-                self.speed, self._due_s = said.value, math.nan
+                self.speed, self._due_s, told["speed"] = said.value, math.nan, said.value
             case Wish.PAUSE if self._paced:
-                self._paused = said.value
+                self.paused = told["paused"] = said.value
             case Wish.STEP if self._paced:
-                self._paused, self._steps = True, round(said.value / TICK_S)
+                self.paused, self._steps, told["step_s"] = True, round(said.value / TICK_S), said.value
             case Wish.DONE if self._works:
                 self._done.set()
             case _:
                 return
         streamed = said.wish in STREAMED or (said.wish is Wish.JAW and said.source)
         if self.cell is not None and not streamed:
-            self.cell.log.event("person", wish=said.wish.name, **({"arm": said.arm} if said.arm else {}))
+            self.cell.log.event("person", wish=said.wish.name, **told)
         self._change()
 
-    def _choose_or_turn_over(self, answer: Wish) -> None:
-        """Let what the page shows begin, or show another goal; a yes to the one before then counts no more."""
+    def _choose_or_turn_over(self, answer: Wish) -> str:
+        """Let what the page shows begin, or show another goal; a yes to the one before then counts no more.
+
+        Returns:
+            What was shown, in words.
+        """
+        question = self._question
+        assert question is not None  # while it asks
+        words = question.words
         if answer is Wish.YES:
             self._goal_begins = False
-            self._answer(self._question)
-        elif self._question is not None and len(self._question.choices) > 1:
-            self._question.turn_over()
+            self._answer(question)
+        elif len(question.choices) > 1:
+            question.turn_over()
             self._asked += 1
+        return words
 
     def _stop(self, why_ended: str) -> None:
         """Brake all arms; if a reason is given, end the trial too."""
@@ -347,7 +363,7 @@ class Console:
         changed, self._changed = self._changed, trio.Event()
         changed.set()
 
-    # state, for the page and for devices
+    # state, for the page
 
     @property
     def now_s(self) -> float:
@@ -371,25 +387,11 @@ class Console:
         if self.hands:
             words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle; release it to stop the arm"
             return replace(now, words=words, colour=WAITS if refused else GOOD)
+        if self._taken:
+            arms = ", ".join(sorted(self._taken))
+            return replace(now, words=f"Brings {arms} to rest, or its jaws back to where they were", colour=WAITS)
         if (question := self._question) is not None:
             words = f"Waits for your yes: {question.words}"
             asked = replace(now, asks=True, question=self._asked, choices=len(question.choices), ghosts=question.ghosts)
             return replace(asked, words=words, colour=WAITS)
-        return replace(now, words="Paused" if self._paused else "Runs", colour=WAITS if self._paused else GOOD)
-
-    @property
-    def state(self) -> Mapping[str, Any]:
-        """Return time, arms and the console's state in words, for a device, as JSON values."""
-        cell, arms = self.cell, dict[str, Any]()
-        if cell is None:
-            return {"time_s": 0.0, "arms": arms, "words": "it has not begun"}
-        for arm in cell.arms:
-            reading, q = cell.robot.read(arm), cell.robot.setpoint(arm).q
-            tip = cell.T_world_base_registered[arm] @ fk(cell.arms[arm], q)
-            arms[arm] = {
-                "position": tip.translation_m.tolist(),
-                "quaternion": tip.rotation.as_quaternion()[[1, 2, 3, 0]].tolist(),
-                "jaw": reading.jaw_rad,
-                "held": arm in self.hands and self.hands[arm].held,
-            }
-        return {"time_s": cell.clock.now_s(), "arms": arms, "words": self.standing.words}
+        return replace(now, words="Paused" if self.paused else "Runs", colour=WAITS if self.paused else GOOD)

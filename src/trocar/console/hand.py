@@ -31,7 +31,8 @@ class Hand:
     """One arm of a cell, moved by a person.
 
     While the input is held, the tip follows the input's motion since the clutch was engaged, so engaging or releasing
-    the clutch moves nothing. Where the wrist cannot turn any further, the tip still follows in position.
+    the clutch moves nothing; nor does another scale, or an orientation that is locked or unlocked, since the clutch is
+    then engaged anew. Where the wrist cannot turn any further, the tip still follows in position.
 
     Args:
         cell: the cell.
@@ -83,8 +84,9 @@ class Hand:
         if self._input is not None and self._input[2] != source:
             return
         if self._began is None:
-            self._began = held, self.tip
             self._control = Control(self._cell, (self.arm,), ABSOLUTE, RATE_HZ)
+        if self._began is None or (held.scale, held.turns) != (self._began[0].scale, self._began[0].turns):
+            self._began = held, self.tip
         self._input, self._new = (held, at_s, source), True
 
     def release(self, source: str | None = None) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from trocar.arms import fk
 from trocar.cell import SEAT, Cell
 from trocar.console.console import Console
 from trocar.console.inputs import Inputs
@@ -32,6 +33,8 @@ STILL_S = 0.25
 """The same, in addition, while the cell's clock is paused and the person says nothing: then nothing changes."""
 STATE_S = 0.02
 """Wall-clock time between two states for devices."""
+FROZEN_S = 5.0
+"""A page whose process has not shown a moment for this long counts as left: nobody could stop an arm there."""
 OF_ANY_TRIAL = (Wish.STOP, Wish.GO_ON, Wish.EMERGENCY, Wish.LEFT, Wish.LEVEL, Wish.SPEED, Wish.PAUSE)
 """Wishes that count even between two trials; all others were meant for the trial that has ended."""
 IMAGE_PX = 480
@@ -67,8 +70,9 @@ class Watch:
         self._left_over: list[Said] = []
         self._inputs = None if inputs is None else Inputs(inputs, lambda: self._state)
         self.console, self.latencies_s = Console(level, speed), []
-        self._state: Mapping[str, Any] = self.console.state
+        self._state = state_of(self.console)
         self._due_s, self._state_due_s, self._trials = 0.0, 0.0, 0
+        self._frozen = False  # whether the page's process does not answer
         self._shown: tuple[float, bool, bool] | None = None  # the clock and what is asked, as the page shows them
 
     def __enter__(self) -> Watch:
@@ -93,7 +97,7 @@ class Watch:
     def attend(self, config: RunConfig, laboratory: SimLaboratory | HardwareLaboratory) -> None:
         """Join the laboratory of a trial; open the page if this is the first trial.
 
-        Arms that were stopped in the previous trial stay stopped.
+        Arms that were stopped in the previous trial stay stopped, and a clock that was paused stays paused.
 
         Raises:
             EmergencyStop: the person ended the previous trial.
@@ -119,6 +123,7 @@ class Watch:
             paced=simulated is not None,
             over=lambda: simulated is not None and simulated.interrupted,
             stopped=self.console.stopped,
+            paused=self.console.paused,
         )
         console.latencies_s = self.latencies_s
         self.console, self._scene = console, None if self._page is None else scenery
@@ -150,17 +155,25 @@ class Watch:
 
     def _hear(self) -> list[Said]:
         heard, self._left_over = [*self._left_over, *(self._page.said() if self._page else [])], []
-        if self._page is not None and self._page.ended and self.console.needed and not self.ended:
-            heard.append(Said(Wish.EMERGENCY, value="the process that shows the page has ended"))
+        if self._page is not None:
+            heard += self._missing(self._page)
         heard += self._inputs.said() if self._inputs else []
         self._shown = None if heard else self._shown
         return heard
+
+    def _missing(self, page: LivePage) -> list[Said]:
+        """Return what it means that the page's process has ended, or does not answer: nobody can press anything."""
+        frozen = page.unanswered_s > FROZEN_S
+        fell_silent, self._frozen = frozen and not self._frozen, frozen
+        if page.ended and (self.console.needed or self.console.stopped or self.console.paused) and not self.ended:
+            return [Said(Wish.EMERGENCY, value="the process that shows the page has ended")]
+        return [Said(Wish.LEFT)] if fell_silent else []
 
     def _show(self) -> None:
         now = time.monotonic()
         if self._inputs is not None and now >= self._state_due_s:
             self._state_due_s = now + STATE_S
-            self._state = self.console.state
+            self._state = state_of(self.console)
         if self._page is None or now < self._due_s:
             return
         shown = (self.console.now_s, self.console.asks, bool(self.ended))
@@ -185,6 +198,23 @@ class Watch:
             images=tuple(picture(name, found) for name, found in self._sight.images().items()),
             scene=scene,
         )
+
+
+def state_of(console: Console) -> Mapping[str, Any]:
+    """Return time, arms and the console's state in words, for a device, as JSON values."""
+    cell, arms = console.cell, dict[str, Any]()
+    if cell is None:
+        return {"time_s": 0.0, "arms": arms, "words": "it has not begun"}
+    for arm in cell.arms:
+        reading, q = cell.robot.read(arm), cell.robot.setpoint(arm).q
+        tip = cell.T_world_base_registered[arm] @ fk(cell.arms[arm], q)
+        arms[arm] = {
+            "position": tip.translation_m.tolist(),
+            "quaternion": tip.rotation.as_quaternion()[[1, 2, 3, 0]].tolist(),
+            "jaw": reading.jaw_rad,
+            "held": arm in console.hands and console.hands[arm].held,
+        }
+    return {"time_s": cell.clock.now_s(), "arms": arms, "words": console.standing.words}
 
 
 def picture(camera: str, found: Sighting) -> Picture:

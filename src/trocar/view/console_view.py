@@ -67,6 +67,8 @@ class Wish(Enum):
 
 ANSWERS = (Wish.YES, Wish.ANOTHER)
 """Wishes that answer a question."""
+OF_ANYBODY = (Wish.STOP, Wish.EMERGENCY)
+"""Wishes that need no controls: whoever sees a danger stops the arms."""
 
 
 class Held(NamedTuple):
@@ -174,7 +176,7 @@ class ConsoleMoment(Moment):
 class ConsoleView(LiveView):
     """A live page with controls.
 
-    If several browsers have it open, the one that opened it first has the controls.
+    If several browsers have it open, the one that opened it first has the controls; each can stop the arms.
 
     Args:
         scene: of the cell.
@@ -284,10 +286,10 @@ class ConsoleView(LiveView):
         attach(happened)
 
     def _wish(self, event: Any, wish: Wish, value: Any = None, arm: str = "") -> None:
-        """Pass on a wish of the browser that has the controls; ignore values that this program sets."""
+        """Pass on a wish of the browser that has the controls, or anybody's stop; ignore what this program sets."""
         if event.client is None:
             return
-        if event.client.client_id != self._holder:
+        if event.client.client_id != self._holder and wish not in OF_ANYBODY:
             event.client.add_notification("Another page holds the controls", "It was opened first.")
             return
         self._say(Said(wish, arm, value))

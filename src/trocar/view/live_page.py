@@ -78,6 +78,7 @@ class LivePage:
         self._packed: SimpleQueue[memoryview | None] = SimpleQueue()
         self._sender = Thread(target=self._send, daemon=True)
         self._waits, self.port, self.ended = False, 0, False
+        self._sent_s = time.monotonic()
         self._said: list[Any] = []
 
     def __enter__(self) -> LivePage:
@@ -108,6 +109,11 @@ class LivePage:
         self._listen()
         return self._waits
 
+    @property
+    def unanswered_s(self) -> float:
+        """Return for how long the page has been showing the last moment; 0 once it has."""
+        return 0.0 if self.waits else time.monotonic() - self._sent_s
+
     def said(self) -> list[Any]:
         """Return the wishes made on the page since the last call."""
         self._listen()
@@ -127,7 +133,7 @@ class LivePage:
 
     def show(self, moment: Moment) -> None:
         """Show a moment; to be called only if ``waits``, so that at most one is under way."""
-        self._waits = False
+        self._waits, self._sent_s = False, time.monotonic()
         self._packed.put(ForkingPickler.dumps(moment))  # now, since it may change before it is sent
 
     def _send(self) -> None:
