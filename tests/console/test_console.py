@@ -550,6 +550,23 @@ def test_what_stands_tells_what_waits():
     np.testing.assert_allclose(ghost.q, GOAL, atol=1e-9)
 
 
+def test_the_path_of_a_running_motion_is_shown_and_of_a_stopped_one_its_remainder():
+    desk = Desk([(0.5, Said(Wish.STOP)), (2.0, Said(Wish.GO_ON))])
+    told = desk.each_tick(lambda: (desk.arms.now_s(), desk.console.standing.paths))
+
+    async def script():
+        await desk.robot.move({"a": MOTION})
+        await trio.sleep(0.1)
+
+    desk.run(script)
+    first, left = (next(paths["a"] for now_s, paths in told if paths and now_s > after_s) for after_s in (0.0, 2.0))
+    wanted = [fk(ARM, HOME).translation_m, fk(ARM, GOAL).translation_m]
+    np.testing.assert_allclose(first[[0, -1]], wanted, atol=1e-9)
+    np.testing.assert_allclose(left[-1], wanted[-1], atol=1e-9)
+    assert np.linalg.norm(left[0] - first[0]) > 1e-3
+    assert not told[-1][1] and not any(paths for now_s, paths in told if 1.5 < now_s < 1.9)
+
+
 def test_what_is_shown_as_asked_is_asked():
     desk = Desk([(0.3, Said(Wish.TAKE, "a")), (1.0, Said(Wish.RETURN, "a")), (2.0, Said(Wish.YES))], Level.MOTIONS)
     same = desk.each_tick(lambda: desk.console.standing.asks is desk.console.asks)

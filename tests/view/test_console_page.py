@@ -1,5 +1,6 @@
 """A live page with controls, without a browser: wishes are passed on at once, in order and with their values."""
 
+import numpy as np
 import pytest
 
 pytest.importorskip("viser")
@@ -52,3 +53,21 @@ def test_the_table_of_flaws_is_written_only_when_they_change(page):
     assert view._flaws.content == "as it was"
     view.show(console_moment(3, flaws={"lens": "3 px"}))
     assert "3 px" in view._flaws.content
+
+
+def test_the_path_of_a_motion_is_drawn_until_it_has_ended(page):
+    view, *_ = page
+    path_m = np.linspace([0.0, 0.0, 0.0], [0.01, 0.02, 0.03], 5)
+
+    def drawn():
+        return view.server.scene._handle_from_node_name.get("/paths/psm1")
+
+    view.show(console_moment(1, paths={"psm1": path_m}))
+    first = drawn()
+    np.testing.assert_allclose(first.points[-1, 1], path_m[-1], atol=1e-6)
+    view.show(console_moment(2, paths={"psm1": path_m.copy()}))
+    assert drawn() is first, "nothing is sent again"
+    view.show(console_moment(3, paths={"psm1": path_m + 0.01}))
+    np.testing.assert_allclose(drawn().points[-1, 1], path_m[-1] + 0.01, atol=1e-6)
+    view.show(console_moment(4))
+    assert drawn() is None

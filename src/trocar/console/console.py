@@ -13,7 +13,7 @@ from trio.testing import wait_all_tasks_blocked
 
 from trocar.cell import Cell, GoalOffer
 from trocar.console.hand import Hand
-from trocar.console.question import Question
+from trocar.console.question import Paths, Question
 from trocar.errors import AlreadyThere, EmergencyStop, InvalidInput, MotionRefused
 from trocar.robots import TICK_S
 from trocar.robots.supervised import StoppedByPerson, Supervised
@@ -78,7 +78,7 @@ class Console:
         self._taken: set[str] = set()
         self._returned: dict[str, bool] = {}  # arms whose jaws still return: whether to take them over again
         self._scopes: dict[str, trio.CancelScope] = {}
-        self._changed, self._done = trio.Event(), trio.Event()
+        self._changed, self._done, self._paths = trio.Event(), trio.Event(), Paths()
         self._steps, self._due_s = 0, math.nan
 
     def supervise(self, cell: Cell) -> Supervised:
@@ -379,7 +379,9 @@ class Console:
             hands[arm] = None if hand.held else (tip.translation_m, tip.rotation.as_quaternion())
         refused = next((hand.refused for hand in self.hands.values() if hand.refused), "")
         speed = self.speed if self._paced else None
+        running = {} if self._robot is None else {arm: m for arm, m in self._robot.running.items() if arm not in hands}
         now = Standing("", level=self.level, speed=speed, stopped=self.stopped, works=self._works, hands=hands)
+        now = replace(now, paths=self._paths.of(self._own_cell, running) if running else {})
         if self.ended:
             return replace(now, words=f"Ended: {self.ended}", colour=BAD)
         if self.stopped:

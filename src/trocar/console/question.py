@@ -1,4 +1,4 @@
-"""What waits for a person's confirmation: motions, or a choice of goals, in words and as paths."""
+"""What the arms do, and what waits for a person's confirmation: motions, or a choice of goals, in words and paths."""
 
 from __future__ import annotations
 
@@ -77,14 +77,35 @@ class Question:
         """Return the question about motions that would start now, each from where its arm is."""
         told, ghosts = list[str](), dict[str, Ghost]()
         for arm, motion in motions.items():
-            model, T_world_base, q = cell.arms[arm], cell.T_world_base_registered[arm], motion.sample(PATH_STEP_S)[1]
-            path = (T_world_base @ fk(model, q)).translation_m
-            ghosts[arm] = Ghost(model, T_world_base, path, q[-1], cell.robot.read(arm).jaw_rad)
+            path, end = tip_path_m(cell, arm, motion), motion(motion.times_s[-1])
+            ghosts[arm] = Ghost(
+                cell.arms[arm], cell.T_world_base_registered[arm], path, end, cell.robot.read(arm).jaw_rad
+            )
             length_m, (x, y, z) = np.linalg.norm(np.diff(path, axis=0), axis=1).sum(), 1e3 * path[-1]
             told.append(
                 f"{arm} moves {100 * length_m:.1f} cm in {motion.duration_s:.1f} s, to {x:.0f} {y:.0f} {z:.0f} mm"
             )
         return cls([Choice("; ".join([*told, *_apart(cell, motions)]), ghosts)])
+
+
+class Paths:
+    """The paths of motions that run, each computed once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[Trajectory, NDArray[np.float64]]] = {}
+
+    def of(self, cell: Cell, motions: Mapping[str, Trajectory]) -> Mapping[str, NDArray[np.float64]]:
+        """Return the points (n, 3) m in the world of the arms' paths, by the registered bases."""
+        for arm, motion in motions.items():
+            if arm not in self._known or self._known[arm][0] is not motion:
+                self._known[arm] = motion, tip_path_m(cell, arm, motion)
+        return {arm: self._known[arm][1] for arm in motions}
+
+
+def tip_path_m(cell: Cell, arm: str, motion: Trajectory) -> NDArray[np.float64]:
+    """Return points (n, 3) m in the world of the tip's path, by the registered base."""
+    q = motion.sample(PATH_STEP_S)[1]
+    return (cell.T_world_base_registered[arm] @ fk(cell.arms[arm], q)).translation_m
 
 
 def _choice(cell: Cell, goal: GoalOffer) -> Choice:

@@ -68,11 +68,13 @@ class Supervised:
     Attributes:
         robot: what it wraps.
         jaws_rad: last commanded opening of the jaws, by arm.
+        running: the motions that run now, by arm, as they were sent.
     """
 
     def __init__(self, robot: Robot, supervisor: Supervisor):
         self.robot, self._supervisor = robot, supervisor
         self.jaws_rad: dict[str, float] = {}
+        self.running: dict[str, Trajectory] = {}
         self._lent: dict[str, SetPoint] = {}
         self._rests: dict[str, _Rest] = {}
 
@@ -170,6 +172,7 @@ class Supervised:
         """Run motions, or remainders of motions; if they are refused, restore what was known of the last ones."""
         known, lent = self._forget(motions)
         self._rests |= rests
+        self.running |= motions
         try:
             return await verb(motions)
         except TrocarError:  # nothing has moved
@@ -177,6 +180,9 @@ class Supervised:
             self._rests |= known
             self._lent |= lent
             raise
+        finally:
+            for arm in [arm for arm, motion in motions.items() if self.running.get(arm) is motion]:
+                del self.running[arm]  # no other one has replaced it
 
     def _forget(self, arms: Iterable[str]) -> tuple[dict[str, _Rest], dict[str, SetPoint]]:
         """Forget, and return, what was known of these arms' last motions."""

@@ -18,7 +18,7 @@ from trocar.view import trial_view
 from trocar.view.instrument import Instrument
 from trocar.view.live import GOOD, LAST, LiveView, Moment, Picture, Scene, box, table
 from trocar.view.pulse import Pulse
-from trocar.view.stage import BOLD_PX, Rgb, add_line, css
+from trocar.view.stage import BOLD_PX, THIN_PX, Rgb, add_line, css
 
 GHOST: Rgb = (255, 140, 0)
 CLEAR = 0.35
@@ -139,6 +139,7 @@ class Standing:
         speed: of the simulator's clock; None on real arms.
         works: whether the person does the whole task, rather than a script.
         ghosts: motions that wait for confirmation, or the way of a goal, by arm.
+        paths: of the motions that scripts run, by arm: points (n, 3) m in the world.
         hands: arms that the person moves: position (3,) in m and quaternion w, x, y, z of the tip, or None while the
             tip follows an input.
     """
@@ -153,6 +154,7 @@ class Standing:
     speed: float | None = 1.0
     works: bool = False
     ghosts: Mapping[str, Ghost] = field(default_factory=dict)
+    paths: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     hands: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]] | None] = field(default_factory=dict)
 
 
@@ -196,6 +198,7 @@ class ConsoleView(LiveView):
         if moment.standing.speed not in (None, *SPEEDS.values()):
             self._speeds[f"x {moment.standing.speed:g}"] = moment.standing.speed
         self._handles: dict[str, Any] = {}
+        self._paths: dict[str, tuple[NDArray[np.float64], Any]] = {}
         self._question = 0
         self._flaws_shown: Mapping[str, str] | None = None
         super().__init__(scene, title, moment, port)
@@ -321,6 +324,7 @@ class ConsoleView(LiveView):
             take.visible, back.visible, jaws.visible = not held and not now.works, held and not now.works, held
             self._show_handle(arm, now)
             self._show_ghost(arm, now.ghosts.get(arm))
+            self._show_path(arm, now.paths.get(arm))
 
     def _show_handle(self, arm: str, now: Standing) -> None:
         """Move an arm's handle to its tip unless the tip follows an input; remove it once the arm is returned."""
@@ -337,6 +341,17 @@ class ConsoleView(LiveView):
             self._pass_on(handle.on_update, moved, arm)
             self._handles[arm] = handle
         handle.position, handle.wxyz = where
+
+    def _show_path(self, arm: str, path_m: NDArray[np.float64] | None) -> None:
+        """Draw the path of the motion that an arm runs; remove that of an earlier one."""
+        before_m, line = self._paths.get(arm, (None, None))
+        if path_m is before_m or (path_m is not None and before_m is not None and np.array_equal(path_m, before_m)):
+            return
+        if line is not None:
+            self._paths.pop(arm)[1].remove()
+        if path_m is not None:
+            line = add_line(self.server.scene, f"/paths/{arm}", path_m.astype(np.float32), GHOST, THIN_PX)
+            self._paths[arm] = path_m, line
 
     def _show_ghost(self, arm: str, ghost: Ghost | None) -> None:
         """Draw a motion's path and the instrument at its end; remove those of an earlier motion."""
