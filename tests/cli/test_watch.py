@@ -127,6 +127,8 @@ def test_a_trial_that_was_watched_has_the_bytes_of_one_that_nobody_saw(tmp_path)
 def test_a_page_whose_process_hangs_counts_as_left_once_each_time():
     watch, page = Watch(port=None), SimpleNamespace(ended=False, unanswered_s=FROZEN_S + 1.0, said=list)
     watch._page = page
+    assert not watch._hear(), "nobody needs it"
+    watch.console.level = Level.MOTIONS
     assert [one.wish for one in watch._hear()] == [Wish.LEFT]
     assert not watch._hear()
     page.unanswered_s = 0.0

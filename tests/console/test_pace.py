@@ -9,7 +9,7 @@ from trocar.console import Console
 from trocar.robots import TICK_S
 from trocar.view.console_view import Said, Wish
 
-LONG_S, MANY = 0.3, 200
+LONG_S, MANY = 0.5, 50
 
 
 class Clock:

@@ -23,15 +23,15 @@ from trocar.view.live import BAD, GOOD, WAITS
 
 POLL_S = 0.01
 """Interval at which the page is polled while the clock is paused."""
-STREAMED = (Wish.HOLD, Wish.RELEASE)
-"""Wishes that are not logged as events: they may come many times a second, as may a device's jaw commands."""
+STREAMED = (Wish.HOLD, Wish.RELEASE, Wish.SPEED, Wish.PAUSE, Wish.STEP)
+"""Wishes that are not logged: many a second, as may be a device's jaw commands, or only about the clock."""
 
 
 class Console:
     """A person's control of one cell: the pace of its clock, the permission of motions, and who moves its arms.
 
     In the simulator, the clock is paused while a motion waits for confirmation. So a trial in which the person only
-    confirms is, byte for byte, the trial of the script alone. On real arms, time goes on.
+    confirms is that of the script alone, except for the events that say so. On real arms, time goes on.
 
     Args:
         level: what a script needs confirmation for.
@@ -295,6 +295,8 @@ class Console:
                 self._returned[said.arm] = True
             case Wish.TAKE if not self._works:
                 self._taken.add(said.arm)
+            case Wish.RETURN if said.arm in self._returned:
+                self._returned[said.arm] = False
             case Wish.RETURN if said.arm in self._scopes and not self.stopped:
                 self._scopes[said.arm].cancel()
             case Wish.HOLD if hand is not None and not self.stopped:
@@ -309,11 +311,11 @@ class Console:
                 if not self._must_wait(self._question):
                     self._answer(self._question)
             case Wish.SPEED if self._paced:
-                self.speed, self._due_s, told["speed"] = said.value, math.nan, said.value
+                self.speed, self._due_s = said.value, math.nan
             case Wish.PAUSE if self._paced:
-                self.paused = told["paused"] = said.value
+                self.paused = said.value
             case Wish.STEP if self._paced:
-                self.paused, self._steps, told["step_s"] = True, round(said.value / TICK_S), said.value
+                self.paused, self._steps = True, round(said.value / TICK_S)
             case Wish.DONE if self._works:
                 self._done.set()
             case _:
@@ -390,8 +392,7 @@ class Console:
             words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle; release it to stop the arm"
             return replace(now, words=words, colour=WAITS if refused else GOOD)
         if self._taken:
-            arms = ", ".join(sorted(self._taken))
-            return replace(now, words=f"Brings {arms} to rest, or its jaws back to where they were", colour=WAITS)
+            return replace(now, words="Brings an arm to rest, or its jaws back to where they were", colour=WAITS)
         if (question := self._question) is not None:
             words = f"Waits for your yes: {question.words}"
             asked = replace(now, asks=True, question=self._asked, choices=len(question.choices), ghosts=question.ghosts)

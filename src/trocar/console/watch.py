@@ -163,7 +163,7 @@ class Watch:
 
     def _missing(self, page: LivePage) -> list[Said]:
         """Return what it means that the page's process has ended, or does not answer: nobody can press anything."""
-        frozen = page.unanswered_s > FROZEN_S
+        frozen = page.unanswered_s > FROZEN_S and self.console.needed
         fell_silent, self._frozen = frozen and not self._frozen, frozen
         if page.ended and (self.console.needed or self.console.stopped or self.console.paused) and not self.ended:
             return [Said(Wish.EMERGENCY, value="the process that shows the page has ended")]

@@ -172,6 +172,7 @@ class Supervised:
         """Run motions, or remainders of motions; if they are refused, restore what was known of the last ones."""
         known, lent = self._forget(motions)
         self._rests |= rests
+        before = {arm: self.running[arm] for arm in motions if arm in self.running}
         self.running |= motions
         try:
             return await verb(motions)
@@ -179,6 +180,7 @@ class Supervised:
             self._forget(motions)
             self._rests |= known
             self._lent |= lent
+            self.running |= before  # they go on
             raise
         finally:
             for arm in [arm for arm, motion in motions.items() if self.running.get(arm) is motion]:

@@ -111,7 +111,7 @@ class LivePage:
 
     @property
     def unanswered_s(self) -> float:
-        """Return for how long the page has been showing the last moment; 0 once it has."""
+        """Return for how long the page has been busy with the last moment; 0 once it has shown it."""
         return 0.0 if self.waits else time.monotonic() - self._sent_s
 
     def said(self) -> list[Any]:

@@ -147,7 +147,7 @@ class Shifted:
         self.cell, self.settings, self.table, self.shifts = None, SETTINGS, None, []
         self.motions = SimpleNamespace(T_base_board=T_WORLD_BASE[name].inverse())
 
-    async def shift(self, line_m, margin_m, contact_s):
+    async def shift(self, line_m, margin_m, contact_s, waits):
         self.shifts.append((line_m, margin_m, contact_s))
 
 

@@ -13,6 +13,7 @@ from trocar.motion import TimedPath
 from trocar.robots import TICK_S
 from trocar.robots.concurrency import Pending
 from trocar.robots.coordinator import Blocked
+from trocar.tasks.peg_transfer.agents.hand import PARTED_RAD
 from trocar.tasks.peg_transfer.agents.meeting import ASIDE_M, MIN_ROOM_M, HandoverState, Offer, Side
 from trocar.tasks.peg_transfer.agents.motions import AT_HEIGHT_M, Approach, Joints, end_of, starts_at
 from trocar.tasks.peg_transfer.agents.peg_arm import PAUSE_S, PegArm
@@ -108,8 +109,8 @@ class Giver(Side):
         Args:
             meeting: the handover.
             T_tip_block: pose of the block in the jaws.
-            stands: whether it still stands on its peg. If the other arm cannot move either, and holds a block in the
-                air, this arm then gives up.
+            stands: whether it still stands on its peg. Then this arm gives up if the other one holds a block in the air
+                and does not move either.
             following: the next handover, if this arm gives then too.
             helpers: run the look at the next block.
 
@@ -135,8 +136,9 @@ class Giver(Side):
                 await self.arm.move(path.trajectory, begun=begun, margin_m=margin_m, waits=tries > 0)
                 break
             except Blocked:
-                carried = self.arm.coordinator.carries(self.other.name)
-                if tries > self.settings.detours or (tries and stands and carried):
+                if meeting.begun.is_set():  # it was refused by the robot
+                    meeting.begun = trio.Event()
+                if tries > self.settings.detours or (tries and stands and self._other_hangs_on()):
                     raise
                 self.cell.log.event("crowded", arm=self.arm.name)
                 if tries:  # the robot's guard waits for nobody: the other arm needs time to leave
@@ -144,6 +146,11 @@ class Giver(Side):
                 meeting.crowded.set()
         self.cell.log.event("offer", arm=self.arm.name, room_mm=round(1e3 * offer.room_m, 2))
         return True
+
+    def _other_hangs_on(self) -> bool:
+        """Return whether the other arm holds a block, and is at rest."""
+        resting = not self.cell.robot.setpoint(self.other.name).moving
+        return resting and self.arm.coordinator.carries(self.other.name)
 
     async def _keep(self, meeting: HandoverState) -> bool:
         """Plan to offer a block another way where there was no room to take it as seen; return whether that helps.
@@ -167,6 +174,7 @@ class Giver(Side):
         The jaws open as wide as for a grasp on a peg. When they truly opened by less than 0.05 rad more, the rising arm
         tilted 43 of 77 blocks in the other arm's jaws by more than 3 deg; with more than 0.08 rad, 12 of 92.
         """
+        held_rad = self.arm.hand.jaw_rad
         await self.arm.open(self.settings.jaw_open_rad)
         meeting.released.set()
         seen = await self.script.seen.take()
@@ -174,7 +182,7 @@ class Giver(Side):
             return
         self.script.seen.put(seen)
         try:
-            risen = await self._risen()
+            risen = await self._risen(max(self.settings.release_rad, held_rad + PARTED_RAD))
         finally:
             meeting.parted.set()
         if not risen:  # sideways, a finger in the hole would take the block along
@@ -184,16 +192,16 @@ class Giver(Side):
         except Blocked:
             await self.arm.give_way()
 
-    async def _risen(self) -> bool:
+    async def _risen(self, narrow_rad: float) -> bool:
         """Rise out of a block that the other arm holds; return whether there was room.
 
-        Jaws that are less open leave more of it, but turn the block more often.
+        Jaws that are less open leave more of it, but turn the block more often. The other arm waits at rest meanwhile.
         """
-        for jaw_rad in (None, self.settings.release_rad):
+        for jaw_rad in (None, narrow_rad):
             if jaw_rad is not None:
                 await self.arm.open(jaw_rad)
             with suppress(Blocked):
-                await self.rise()
+                await self.rise(waits=False)
                 return True
         self.cell.log.event("stayed", arm=self.arm.name, reason="there was no room to rise")
         return False

@@ -242,9 +242,10 @@ class Side:
         """Return the sign of x in the board's frame on the side of the arm's base."""
         return float(np.sign(self.arm.motions.T_base_board.inverse().translation_m[0]))
 
-    async def rise(self) -> None:
-        """Rise straight out of a block that the other arm holds."""
-        await self.arm.shift((0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m, contact_s=(0.0, inf))
+    async def rise(self, waits: bool = True) -> None:
+        """Rise straight out of a block that the other arm holds; ``waits`` as in ``PegArm.move``."""
+        up_m, margin_m = (0.0, 0.0, self.settings.parts_m), self.settings.meeting_margin_m
+        await self.arm.shift(up_m, margin_m, contact_s=(0.0, inf), waits=waits)
 
     async def wait_for(self, *events: trio.Event) -> None:
         """Wait for the other arm, until the first of several events."""

@@ -117,14 +117,12 @@ class PegArm:
         """Stop for a look just over the pegs, before the tip goes down to a grasp; return whether that was possible."""
         height_m = self.table.board.peg_height_m + OVER_PEGS_M
         path = await self.plan(lambda: self.motions.hovering(self.hand.q, grasp.T_board_tip, height_m))
-        if path is None:
-            return False
-        try:
-            await self.move(path.trajectory, jaw_rad=opening_rad)
-        except Blocked:  # the other arm is there
-            return False
-        await self.hand.settle()
-        return True
+        with suppress(Blocked):  # the other arm may be there
+            if path is not None:
+                await self.move(path.trajectory, jaw_rad=opening_rad)
+                await self.hand.settle()
+                return True
+        return False
 
     async def look_at_tip(self, grasp: Grasp) -> None:
         """Look at the jaws over a block that they missed; learn the tip's offset if they are seen."""
@@ -281,11 +279,13 @@ class PegArm:
             if path is not None:
                 await self.move(path.trajectory, margin_m=self.settings.min_margin_m)
 
-    async def shift(self, line_m: Sequence[float], margin_m: float, contact_s: tuple[float, float] = NEVER) -> None:
-        """Move the tip straight, in the board's axes."""
+    async def shift(
+        self, line_m: Sequence[float], margin_m: float, contact_s: tuple[float, float] = NEVER, waits: bool = True
+    ) -> None:
+        """Move the tip straight, in the board's axes; the other arguments as in :meth:`move`."""
         motion = await self.plan(lambda: self.motions.along(self.hand.q, line_m))
         if motion is not None:
-            await self.move(motion, margin_m=margin_m, contact_s=contact_s)
+            await self.move(motion, margin_m=margin_m, contact_s=contact_s, waits=waits)
 
     async def go_home(self, begun: Callable[[TimedPath], None] | None = None) -> None:
         """Rise and leave the camera's view of the board; ``begun`` is called with the motion when it begins."""

@@ -60,6 +60,9 @@ class Receiver(Side):
             await self.wait_for(meeting.crowded, meeting.offered)
             if meeting.offered.is_set():
                 return
+            if meeting.begun.is_set():  # the other arm has found room meanwhile
+                meeting.crowded = trio.Event()
+                continue
             try:
                 await self._make_room(meeting)
                 if meeting.outcome is None:
@@ -68,7 +71,7 @@ class Receiver(Side):
                 await self.arm.give_way()
 
     async def _make_room(self, meeting: HandoverState) -> None:
-        """Leave the way of the arm that brings the block: beside it, or at home if it cannot begin even then."""
+        """Leave the way of the arm that brings the block: beside it, or go home if that arm cannot begin even then."""
         meeting.crowded = trio.Event()
         await self._wait_beside()
         with trio.move_on_after(BEGINS_S):
