@@ -2,10 +2,20 @@
 
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 from synthetic import config
+from trocar.eval import prepare as preparing
 from trocar.eval.config import RunConfig
-from trocar.eval.prepare import CACHE, NO_PART, cable_file, cached_calibrations, calibration_key, prepare
+from trocar.eval.prepare import (
+    CACHE,
+    NO_PART,
+    _source_digest,
+    cable_file,
+    cached_calibrations,
+    calibration_key,
+    prepare,
+)
 from trocar.tasks.peg_transfer.task import PegTransfer
 
 ONE = PegTransfer(transfers=1)
@@ -24,7 +34,19 @@ def test_models_are_shared_where_nothing_differs_that_they_depend_on():
     assert key not in {calibration_key(one, 0, "psm1") for one in other} | {calibration_key(run, 1, "psm1")}
 
 
-def test_what_a_changed_program_still_uses_was_fitted_without_the_packages_that_changed():
+def test_models_outlast_changes_to_tasks_and_not_to_what_calibrates(tmp_path, monkeypatch):
+    for name in ("tasks", "calibration"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "code.py").write_text("x = 1")
+    monkeypatch.setattr(preparing, "trocar", SimpleNamespace(__file__=tmp_path / "__init__.py"))
+    before = _source_digest.__wrapped__()
+    (tmp_path / "tasks" / "code.py").write_text("x = 2")
+    assert _source_digest.__wrapped__() == before
+    (tmp_path / "calibration" / "code.py").write_text("x = 2")
+    assert _source_digest.__wrapped__() != before
+
+
+def test_what_calibrates_imports_nothing_of_the_packages_whose_changes_do_not_matter():
     contracts = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["tool"]["importlinter"]
     layers = next(contract["layers"] for contract in contracts["contracts"] if contract["type"] == "layers")
     above = " | ".join(layers[: layers.index("trocar.collect")]).split(" | ")
