@@ -18,9 +18,10 @@ from trocar.view import trial_view
 from trocar.view.instrument import Instrument
 from trocar.view.live import GOOD, LAST, LiveView, Moment, Picture, Scene, box, table
 from trocar.view.pulse import Pulse
-from trocar.view.stage import BOLD_PX, THIN_PX, Rgb, add_line, css
+from trocar.view.stage import BOLD_PX, Rgb, add_line, css
 
 GHOST: Rgb = (255, 140, 0)
+PATH: Rgb = (255, 255, 255)
 CLEAR = 0.35
 """Opacity of the instrument at the end of a motion that waits for confirmation."""
 HANDLE_M = 0.018
@@ -350,7 +351,7 @@ class ConsoleView(LiveView):
         if line is not None:
             self._paths.pop(arm)[1].remove()
         if path_m is not None:
-            line = add_line(self.server.scene, f"/paths/{arm}", path_m.astype(np.float32), GHOST, THIN_PX)
+            line = add_line(self.server.scene, f"/paths/{arm}", path_m.astype(np.float32), PATH, BOLD_PX)
             self._paths[arm] = path_m, line
 
     def _show_ghost(self, arm: str, ghost: Ghost | None) -> None:
