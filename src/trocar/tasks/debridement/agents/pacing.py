@@ -29,7 +29,7 @@ def paced(
     What is added to a motion bends the path of its commands: they may need twice the acceleration. A guard would slow
     down all of it by one factor; this is the fastest pace along the same path on which the tip is nowhere faster than
     it was at most. That is the tip as a camera would see it: where kinematics are off, the commanded poses may be a
-    fifth further apart than the real ones. A wait at the beginning stays.
+    quarter further apart than the real ones. A wait at the beginning stays.
 
     Args:
         arm: its model.
