@@ -101,7 +101,7 @@ def test_a_handle_that_is_dragged_says_where_it_is_and_when_it_is_let_go():
 
 
 def drag_a_handle(opened, page, width):
-    """Drag the first axis of a handle that is seen in the first ``width`` pixels of a page, and let go."""
+    """Drag the first axis of a handle, or its arc, seen in the first ``width`` pixels of a page, and let go."""
     tip = REPLAY().tools["psm1"].p_world_driven_m[opened.tick]
     opened.show(hands={"psm1": (tip, np.array([1.0, 0, 0, 0]))})
 
@@ -122,7 +122,8 @@ def drag_a_handle(opened, page, width):
     said = until(lambda: opened.said and opened.said[-1].wish is Wish.RELEASE and opened.said)
     held = [one for one in said if one.wish is Wish.HOLD]
     assert held and {one.arm for one in said} == {"psm1"}
-    assert np.linalg.norm(held[-1].value.position_m - tip) > 1e-3
+    last = held[-1].value  # an arrow moves the handle; the arc of the same colour, which the view may favour, turns it
+    assert np.linalg.norm(last.position_m - tip) > 1e-3 or abs(last.wxyz[0]) < math.cos(0.05)
 
 
 @pytest.mark.slow
