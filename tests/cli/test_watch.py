@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from trocar.cell import SEAT
-from trocar.cli.run import _watched
+from trocar.cli.console import opened_console
 from trocar.console import Watch
 from trocar.console.watch import FROZEN_S
 from trocar.errors import EmergencyStop
@@ -150,7 +150,7 @@ def test_a_run_that_stands_ends_with_the_process_of_its_page(how):
 def test_latencies_are_printed_though_an_emergency_stop_ends_the_run(capsys):
     with (
         pytest.raises(EmergencyStop),
-        _watched(watch=True, confirm="", speed=1.0, devices=None, jobs=1) as console,
+        opened_console("nothing", 1.0, None) as console,
     ):
         console.latencies_s += [0.010, 0.030]
         raise EmergencyStop("pressed")

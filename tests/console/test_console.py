@@ -17,6 +17,7 @@ from trocar.log import CellLog
 from trocar.motion import rest_to_rest
 from trocar.robots import ArmGuard, Guarded
 from trocar.robots.concurrency import cause_of
+from trocar.robots.supervised import Vetoed
 from trocar.sim.laboratory import SimClock
 from trocar.view.console_view import Held, Level, Said, Wish
 
@@ -126,6 +127,34 @@ def test_a_yes_counts_for_the_motion_that_was_shown_and_for_no_later_one():
 
     desk.run(script)
     assert second_s < 8.0 and desk.arms.now_s() > 9.0
+
+
+def test_a_motion_to_which_the_person_says_no_does_not_begin_and_its_script_may_try_another():
+    plan = [(0.5, Said(Wish.NO, value=7)), (1.0, Said(Wish.NO, value=1)), (2.0, Said(Wish.YES, value=2))]
+    desk = Desk(plan, Level.MOTIONS)
+    refused = []
+
+    async def script():
+        try:
+            await desk.robot.move({"a": MOTION})
+        except Vetoed as error:
+            refused.append((error.arm, desk.arms.now_s(), desk.robot.running, desk.robot.setpoint("a").q))
+        return await desk.robot.move({"a": MOTION})
+
+    assert desk.run(script)["a"].done
+    (arm, at_s, running, q), *more = refused
+    assert not more and arm == "a" and at_s == pytest.approx(1.0, abs=0.01) and not running
+    np.testing.assert_array_equal(q, HOME)
+    assert [event["wish"] for event in desk.events("person")] == ["NO", "YES"]
+
+
+def test_what_is_left_of_a_stopped_motion_can_only_be_let_go_on():
+    plan = [(0.5, Said(Wish.YES)), (1.0, Said(Wish.STOP)), (2.0, Said(Wish.GO_ON)), (3.0, Said(Wish.NO))]
+    desk = Desk([*plan, (4.0, Said(Wish.YES))], Level.MOTIONS)
+    standing = desk.told()
+    assert desk.move()["a"].done and desk.arms.now_s() > 4.0
+    assert {now.may_refuse for now in standing if now.asks and now.question == 2} == {False}
+    assert {now.may_refuse for now in standing if now.asks and now.question == 1} == {True}
 
 
 def test_arms_that_were_stopped_in_one_trial_stay_stopped_in_the_next():
@@ -311,7 +340,7 @@ def test_an_arm_that_is_taken_again_while_its_jaws_return_comes_into_the_persons
     again = []
 
     def take_again():
-        if desk.console._returned and not again:
+        if desk.console._lending._returned and not again:
             again.append(desk.arms.now_s())
             desk.plan = [(again[0], Said(Wish.TAKE, "a")), (again[0] + 2.0, Said(Wish.RETURN, "a"))]
 

@@ -24,7 +24,8 @@ class Switch:
     def __init__(self):
         self.stopped, self.asked = False, 0
 
-    async def permit(self, motions):
+    async def permit(self, motions, *, begun=False):
+        self.begun = begun
         self.asked += 1
         await self.free(*motions)
 

@@ -58,6 +58,7 @@ def opened():
     ("label", "standing", "wish", "arm"),
     [
         ("Yes, go", {"asks": True}, Wish.YES, ""),
+        ("No, not this", {"asks": True, "may_refuse": True}, Wish.NO, ""),
         ("Another goal", {"asks": True, "choices": 2}, Wish.ANOTHER, ""),
         ("Stop", {}, Wish.STOP, ""),
         ("Go on", {"stopped": True}, Wish.GO_ON, ""),

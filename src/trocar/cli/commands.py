@@ -122,6 +122,10 @@ COMMANDS = {
     "run": Known(
         "Run trials of a task in the simulated cell, score them, and keep files and pictures.", "trocar.cli.run:RUN"
     ),
+    "console": Known(
+        "Open a page for a person: begin trials, confirm each motion, stop, take arms over, do the task by hand.",
+        "trocar.cli.console:CONSOLE",
+    ),
     "methods": Known(
         "Print what each method of a task is made of, what it costs before the first trial, and its settings.",
         "trocar.cli.installed:methods",

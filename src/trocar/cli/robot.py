@@ -19,6 +19,7 @@ from trocar.lab import Station
 
 if TYPE_CHECKING:
     from trocar.console import Watch
+    from trocar.eval.trial import Trial
 
 
 def run_robot(
@@ -36,8 +37,8 @@ def run_robot(
     Raises:
         InvalidInput: motion is not enabled, or nobody is there to ask.
     """
-    from trocar.eval.folder import open_folder, set_aside
-    from trocar.eval.on_robot import STOPPED, run_on_robot
+    from trocar.eval.folder import open_folder
+    from trocar.eval.on_robot import STOPPED
     from trocar.eval.trial import trial_file
 
     what = f"{config.task.name}, method {config.method}"
@@ -50,14 +51,10 @@ def run_robot(
             if asks and not typer.confirm(f"trial {index}: is the table ready, and may the arms move?", err=True):
                 left = True
                 break
-            trial = run_on_robot(config, index, _tell, attendant)
-            path = trial_file(folder, session, index)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            set_aside(path)
-            trial.save(path)  # before the question: arms cannot repeat it
+            trial = play_on_robot(config, folder, (session, index), attendant)
             if asks:
                 trial.about["tally"] = _tally(len(trial.scores), trial.goal_noun)
-                trial.save(path)
+                trial.save(trial_file(folder, session, index))
             stopped = trial.ended == STOPPED or (attendant is not None and bool(attendant.ended))
             if stopped:
                 break
@@ -72,6 +69,19 @@ def run_robot(
     all_succeeded = finish(folder, as_json, interrupted=stopped or left)
     if stopped or left or (strict and not all_succeeded):
         raise typer.Exit(130 if stopped else 1)
+
+
+def play_on_robot(config: RunConfig, folder: Path, place: tuple[int, int], attendant: Watch | None) -> Trial:
+    """Run one trial (its session and number) on real arms, and save it at once: arms cannot repeat it."""
+    from trocar.eval.folder import set_aside
+    from trocar.eval.on_robot import run_on_robot
+    from trocar.eval.trial import trial_file
+
+    trial, path = run_on_robot(config, place[1], _tell, attendant), trial_file(folder, *place)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    set_aside(path)
+    trial.save(path)
+    return trial
 
 
 def _lasting_faults(events: Iterable[Mapping[str, object]]) -> list[str]:

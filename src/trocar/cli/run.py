@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 from typer import Argument, Option
 
+from trocar.cli.console import ABOUT_CONFIRM, ABOUT_DEVICES, ABOUT_SPEED, NOTHING, is_policy, opened_console
 from trocar.cli.group import Known, Result
 from trocar.cli.options import EnableMotion, JsonFlag, Plugins, Seed, Yes, need
 from trocar.cli.out_folder import default_folder, differing
@@ -22,13 +20,12 @@ from trocar.cli.report import finish
 from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside, rich_table
 from trocar.counting import counted
-from trocar.errors import BadFile, EmergencyStop, InvalidInput, InvalidValue, UnknownName
-from trocar.eval import METHODS, TASKS, Method, Task, methods_of_any
+from trocar.errors import BadFile, EmergencyStop, InvalidInput
+from trocar.eval import METHODS, TASKS, Task, methods_of_any
 from trocar.eval.config import RunConfig
 from trocar.interruption import CtrlC
 
 if TYPE_CHECKING:
-    from trocar.console import Watch
     from trocar.eval.study import Condition, Results, RowKind, TableData
 
 OF_STUDY = ("trials", "model", "station", "difficulty", "flaws")
@@ -44,9 +41,6 @@ CacheFolder = Annotated[
 ]
 ABOUT_RAISE = "Stop at an exception of the agent, which otherwise ends only its trial."
 ABOUT_WATCH = "Open a page on which a person watches, stops, takes over; with --method person, does it all."
-ABOUT_CONFIRM = "With --watch: what a script needs the person's yes for."
-ABOUT_SPEED = "With --watch: seconds of the cell's clock per real second; 0: no limit."
-ABOUT_DEVICES = "With --watch: TCP port of this machine on which devices may move arms; 0: any free one."
 ABOUT_POLICY = "With --method policy: a folder, FILE.py:function, module:function or tcp://HOST:PORT."
 Jobs = Annotated[int | None, Option(min=1, help="How many trials to run at once.", show_default="one per core")]
 Backend = Annotated[str, Option(help="Where the work is done: processes, dask.")]
@@ -72,9 +66,11 @@ def run(
     yes: Yes = False,
     policy: Annotated[str, Option(metavar="WHAT", help=ABOUT_POLICY)] = "",
     watch: Annotated[bool, Option("--watch", help=ABOUT_WATCH)] = False,
-    confirm: Annotated[str, Option(metavar="goals|motions", help=ABOUT_CONFIRM)] = "",
-    speed: Annotated[float, Option(help=ABOUT_SPEED)] = 1.0,
-    devices: Annotated[int | None, Option(metavar="PORT", min=0, max=65535, help=ABOUT_DEVICES)] = None,
+    confirm: Annotated[str, Option(metavar="motions|goals|nothing", help=f"With --watch. {ABOUT_CONFIRM}")] = NOTHING,
+    speed: Annotated[float, Option(help=f"With --watch. {ABOUT_SPEED}")] = 1.0,
+    devices: Annotated[
+        int | None, Option(metavar="PORT", min=0, max=65535, help=f"With --watch. {ABOUT_DEVICES}")
+    ] = None,
     plugin: Plugins = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -89,13 +85,14 @@ def run(
     if raise_errors and jobs != 1:
         raise InvalidInput("--raise", "has no effect on trials in other processes", "drop --jobs")
     config = RunConfig(task(**options), **_with_policy(run, policy), plugins=tuple(map(str, plugin or ())))
-    _require_console(config, watch, confirm, speed, devices)
+    _require_console(config, watch, confirm, speed, devices, jobs)
+    console = opened_console(confirm, speed, devices) if watch else nullcontext()
     if config.robot:
         from trocar.cli.robot import run_robot
 
         if jobs != 1:
             raise InvalidInput(f"--jobs {jobs}", "is more than one robot can do at once", "drop --jobs")
-        with _watched(watch, confirm, speed, devices, jobs) as attendant:
+        with console as attendant:
             how = {"attendant": attendant, "strict": strict, "as_json": as_json}
             run_robot(config, out, enable_motion=enable_motion, yes=yes, **how)
         return
@@ -107,7 +104,7 @@ def run(
     folder = out or default_folder(f"{task.name}-{config.method}-{config.seed}", config.unusual)
     interrupted = False
     try:
-        with _watched(watch, confirm, speed, devices, jobs) as attendant, progress() as tick, CtrlC() as ctrl_c:
+        with console as attendant, progress() as tick, CtrlC() as ctrl_c:
             todo = open_folder(config, folder)
             if not todo:
                 kept = counted(config.sessions * config.trials, "trial")
@@ -129,55 +126,27 @@ def run(
         raise typer.Exit(130 if interrupted else 1)
 
 
-def _require_console(config: RunConfig, watch: bool, confirm: str, speed: float, devices: int | None) -> None:
+def _require_console(
+    config: RunConfig, watch: bool, confirm: str, speed: float, devices: int | None, jobs: int
+) -> None:
     """Raise if options need a console that is not open, or do not fit the console of this run."""
     if watch and config.robot and speed != 1.0:
         raise InvalidInput(f"--speed {speed:g}", "is for the clock of a simulated cell", "drop it, or --robot")
-    if watch and confirm and _is_policy(config.chosen_method):
+    if watch and jobs != 1:
+        raise InvalidInput(f"--jobs {jobs}", "is more trials than one person can watch", "drop --jobs")
+    if watch and confirm != NOTHING and is_policy(config.chosen_method):
         raise InvalidInput(f"--confirm {confirm}", "is for motions, and a policy streams its steps", "drop it")
     if watch:
         return
-    if confirm or speed != 1.0 or devices is not None:
+    if confirm != NOTHING or speed != 1.0 or devices is not None:
         raise InvalidInput("--confirm, --speed and --devices", "need a console", "give --watch, or drop them")
     if config.chosen_method.attended:
         raise InvalidInput(f"--method {config.method}", "is a person, who needs a console", "give --watch")
 
 
-@contextmanager
-def _watched(watch: bool, confirm: str, speed: float, devices: int | None, jobs: int) -> Iterator[Watch | None]:
-    """Open the console of a run, if wanted; at its end, print the latency from a hand to the set-point."""
-    if not watch:
-        yield None
-        return
-    if jobs != 1:
-        raise InvalidInput(f"--jobs {jobs}", "is more trials than one person can watch", "drop --jobs")
-    if not (math.isfinite(speed) and speed >= 0):
-        raise InvalidValue("--speed", speed, "give a number above 0, or 0 for no limit")
-    need("view")
-    from trocar.console import Watch  # the simulator is heavy
-    from trocar.view.console_view import Level
-
-    levels = {"": Level.AUTONOMOUS, "goals": Level.GOALS, "motions": Level.MOTIONS}
-    if confirm not in levels:
-        raise UnknownName("--confirm", confirm, [level for level in levels if level])
-    told = partial(beside().print, "console:")
-    with Watch(levels[confirm], speed, inputs=devices, told=told) as console:
-        try:
-            yield console
-        finally:  # an emergency stop ends the run by an error
-            if console.latencies_s:
-                p50, p95 = 1e3 * np.percentile(console.latencies_s, (50, 95))
-                beside().print(f"from a hand to the set-point: p50 {p50:.0f} ms, p95 {p95:.0f} ms")
-
-
-def _is_policy(method: Method) -> bool:
-    """Return whether a method is a learned policy, which has to be named."""
-    return hasattr(method.make_settings(), "policy")
-
-
 def _with_policy(run: Mapping[str, Any], policy: str) -> dict[str, Any]:
     """Return a run's options with those of its policy, which is loaded once before anything is written."""
-    asked = run["method"] in methods_of_any() and _is_policy(METHODS[f"*/{run['method']}"])
+    asked = run["method"] in methods_of_any() and is_policy(METHODS[f"*/{run['method']}"])
     if asked and not policy:
         raise InvalidInput(f"--method {run['method']}", "names no policy", "give --policy DIR, or module:function")
     if not policy:

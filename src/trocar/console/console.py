@@ -13,10 +13,11 @@ from trio.testing import wait_all_tasks_blocked
 
 from trocar.cell import Cell, GoalOffer
 from trocar.console.hand import Hand
+from trocar.console.lending import Lending
 from trocar.console.question import Paths, Question
-from trocar.errors import AlreadyThere, EmergencyStop, InvalidInput, MotionRefused
+from trocar.errors import EmergencyStop, InvalidInput
 from trocar.robots import TICK_S
-from trocar.robots.supervised import StoppedByPerson, Supervised
+from trocar.robots.supervised import StoppedByPerson, Supervised, Vetoed
 from trocar.trajectory import Trajectory
 from trocar.view.console_view import Level, Said, Standing, Wish
 from trocar.view.live import BAD, GOOD, WAITS
@@ -75,9 +76,7 @@ class Console:
         self._question: Question | None = None
         self._asked, self._goal_begins, self._offers, self._works = 0, True, False, False
         self.stopped, self.paused, self.ended = stopped, paused, ""
-        self._taken: set[str] = set()
-        self._returned: dict[str, bool] = {}  # arms whose jaws still return: whether to take them over again
-        self._scopes: dict[str, trio.CancelScope] = {}
+        self._lending = Lending(self)
         self._changed, self._done, self._paths = trio.Event(), trio.Event(), Paths()
         self._steps, self._due_s = 0, math.nan
 
@@ -115,7 +114,7 @@ class Console:
     @property
     def asks(self) -> bool:
         """Return whether a motion or a goal waits for confirmation, and for nothing else."""
-        return self._question is not None and not (self.stopped or self._taken)
+        return self._question is not None and not (self.stopped or self._lending.arms)
 
     @property
     def _stands(self) -> bool:
@@ -123,14 +122,18 @@ class Console:
 
     # implements trocar.robots.supervised.Supervisor
 
-    async def permit(self, motions: Mapping[str, Trajectory]) -> None:
-        """Return once these motions may start."""
+    async def permit(self, motions: Mapping[str, Trajectory], *, begun: bool = False) -> None:
+        """Return once these motions may start; see ``Supervisor.permit``."""
         while True:
             for arm in motions:
                 await self.free(arm)
             if not self._needs_yes:
                 return
-            await self._ask(lambda: Question.about(self._own_cell, motions) if self._needs_yes else None)
+            question = await self._ask(
+                lambda: Question.about(self._own_cell, motions, begun=begun) if self._needs_yes else None
+            )
+            if question is not None and question.refused:
+                raise Vetoed(", ".join(motions))
             if not any(self.forbids(arm) for arm in motions):
                 return
 
@@ -158,11 +161,11 @@ class Console:
     async def free(self, arm: str) -> None:
         """Return once the arm may be used."""
         while self.forbids(arm):
-            await self._changed.wait()
+            await self.changed()
 
     def forbids(self, arm: str) -> bool:
         """Return whether the arm is stopped or in the person's hands."""
-        return self.stopped or arm in self._taken
+        return self.stopped or arm in self._lending.arms
 
     @property
     def _needs_yes(self) -> bool:
@@ -180,7 +183,7 @@ class Console:
         Raises:
             EmergencyStop: the person ended the trial.
         """
-        del cell
+        del cell  # the agent's; a person moves arms below any compensation
         async with trio.open_nursery() as nursery:
             while True:
                 if not self._paced:
@@ -188,61 +191,10 @@ class Console:
                     self._show()
                 if self.ended:
                     raise EmergencyStop(self.ended)
-                for arm in self._taken - set(self._scopes):
-                    self._scopes[arm] = trio.CancelScope()
-                    nursery.start_soon(self._lend, arm)
+                if self._robot is not None:
+                    self._lending.begin(nursery, self._own_cell, self._robot)
                 with trio.move_on_after(math.inf if self._paced else TICK_S):
-                    await self._changed.wait()
-
-    async def _lend(self, arm: str) -> None:
-        """Let the person move an arm, then return it along the same path to where the script left it."""
-        cell, robot = self._own_cell, self._robot
-        assert robot is not None  # since `supervise`
-        cell.robot.hold(arm, reason=StoppedByPerson(arm))
-        await cell.robot.rest(arm)
-        robot.lend(arm)
-        jaw_rad = robot.jaws_rad.get(arm)
-        hand = self.hands[arm] = Hand(cell, arm, jaw_rad)
-        cell.log.event("taken over", arm=arm)
-        try:
-            while not await self._brought_back(cell, hand):
-                self._scopes[arm] = trio.CancelScope()
-        finally:
-            self.hands.pop(arm)
-            self.latencies_s += hand.latencies_s
-        self._returned[arm] = False
-        while jaw_rad is not None:
-            while self.stopped:
-                await self._changed.wait()
-            result = await cell.robot.jaw(arm, jaw_rad)
-            if not isinstance(result.cause, StoppedByPerson):
-                break
-        cell.log.event("handed back", arm=arm)
-        del self._scopes[arm]
-        if not self._returned.pop(arm):
-            self._taken.discard(arm)
-        self._change()
-
-    async def _brought_back(self, cell: Cell, hand: Hand) -> bool:
-        """Let the person move the arm until they return it; return whether it came all the way back."""
-        with self._scopes[hand.arm]:
-            await hand.follow()
-        hand.release()
-        cell.robot.hold(hand.arm)
-        await cell.robot.rest(hand.arm)
-        if self.stopped:  # meanwhile
-            return False
-        try:
-            result = await cell.robot.move({hand.arm: hand.way_back()})
-        except AlreadyThere:
-            return True
-        except MotionRefused as error:
-            hand.refused = f"the way back is refused: {error}"
-            cell.log.event("refused", arm=hand.arm, reason=str(error))
-            return False
-        if not result[hand.arm].done:
-            hand.forget_way_back()
-        return result[hand.arm].done
+                    await self.changed()
 
     async def work(self, cell: Cell, arms: Iterable[str]) -> None:
         """Let the person do the whole task with these arms, until they say that it is done.
@@ -279,8 +231,8 @@ class Console:
     def _take_in(self, said: Said) -> None:  # noqa: PLR0912  a wish each
         hand, told = self.hands.get(said.arm), {"arm": said.arm} if said.arm else {}
         match said.wish:
-            case Wish.YES | Wish.ANOTHER if self.asks and said.value in (None, self._asked):
-                told["words"] = self._choose_or_turn_over(said.wish)
+            case Wish.YES | Wish.NO | Wish.ANOTHER if self.asks and said.value in (None, self._asked):
+                told["words"] = self._take_answer(said.wish)
             case Wish.STOP:
                 self._stop("")
             case Wish.GO_ON:
@@ -291,14 +243,10 @@ class Console:
                 self._stop(said.value or "a person pressed the emergency stop")
             case Wish.LEFT if self.needed:  # nobody is left to hold an arm or to confirm a motion
                 self._stop("")
-            case Wish.TAKE if said.arm in self._returned:
-                self._returned[said.arm] = True
             case Wish.TAKE if not self._works:
-                self._taken.add(said.arm)
-            case Wish.RETURN if said.arm in self._returned:
-                self._returned[said.arm] = False
-            case Wish.RETURN if said.arm in self._scopes and not self.stopped:
-                self._scopes[said.arm].cancel()
+                self._lending.take(said.arm)
+            case Wish.RETURN if self._lending.may_return(said.arm):
+                self._lending.give_back(said.arm)
             case Wish.HOLD if hand is not None and not self.stopped:
                 hand.hold(said.value, said.at_s, said.source)
             case Wish.RELEASE if hand is not None:
@@ -323,10 +271,10 @@ class Console:
         streamed = said.wish in STREAMED or (said.wish is Wish.JAW and said.source)
         if self.cell is not None and not streamed:
             self.cell.log.event("person", wish=said.wish.name, **told)
-        self._change()
+        self.tell()
 
-    def _choose_or_turn_over(self, answer: Wish) -> str:
-        """Let what the page shows begin, or show another goal; a yes to the one before then counts no more.
+    def _take_answer(self, answer: Wish) -> str:
+        """Let what the page shows begin, refuse it, or show another goal; a yes to the one before then counts no more.
 
         Returns:
             What was shown, in words.
@@ -337,6 +285,9 @@ class Console:
         if answer is Wish.YES:
             self._goal_begins = False
             self._answer(question)
+        elif answer is Wish.NO:
+            question.refused = question.may_refuse
+            self._answer(question if question.refused else None)
         elif len(question.choices) > 1:
             question.turn_over()
             self._asked += 1
@@ -354,14 +305,21 @@ class Console:
     @property
     def needed(self) -> bool:
         """Return whether the trial depends on the person."""
-        return self._works or self.level is not Level.AUTONOMOUS or bool(self._taken)
+        return self._works or self.level is not Level.AUTONOMOUS or bool(self._lending.arms)
 
     def _answer(self, question: Question | None) -> None:
         if question is not None and question is self._question:
             self._question = None
             question.answered.set()
 
-    def _change(self) -> None:
+    # implements trocar.console.lending.Desk
+
+    async def changed(self) -> None:
+        """Return at the next wish of the person, or the next change of an arm's state."""
+        await self._changed.wait()
+
+    def tell(self) -> None:
+        """Wake everybody who waits for a change."""
         changed, self._changed = self._changed, trio.Event()
         changed.set()
 
@@ -391,10 +349,10 @@ class Console:
         if self.hands:
             words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle; release it to stop the arm"
             return replace(now, words=words, colour=WAITS if refused else GOOD)
-        if self._taken:
+        if self._lending.arms:
             return replace(now, words="Brings an arm to rest, or its jaws back to where they were", colour=WAITS)
         if (question := self._question) is not None:
             words = f"Waits for your yes: {question.words}"
             asked = replace(now, asks=True, question=self._asked, choices=len(question.choices), ghosts=question.ghosts)
-            return replace(asked, words=words, colour=WAITS)
+            return replace(asked, words=words, colour=WAITS, may_refuse=question.may_refuse)
         return replace(now, words="Paused" if self.paused else "Runs", colour=WAITS if self.paused else GOOD)

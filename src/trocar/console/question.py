@@ -43,12 +43,16 @@ class Question:
     Attributes:
         choices: what a yes may mean; several only for goals.
         of_goals: whether it is about goals.
+        may_refuse: whether the person may say no.
+        refused: whether the person has said no.
         chosen: number of the choice that the page shows.
         answered: set once the person has answered, or the script waits no more.
     """
 
     choices: Sequence[Choice]
     of_goals: bool = False
+    may_refuse: bool = False
+    refused: bool = False
     chosen: int = 0
     answered: trio.Event = field(default_factory=trio.Event)
 
@@ -73,8 +77,8 @@ class Question:
         return cls([_choice(cell, goal) for goal in goals], of_goals=True)
 
     @classmethod
-    def about(cls, cell: Cell, motions: Mapping[str, Trajectory]) -> Question:
-        """Return the question about motions that would start now, each from where its arm is."""
+    def about(cls, cell: Cell, motions: Mapping[str, Trajectory], *, begun: bool = False) -> Question:
+        """Return the question about motions that would start now, each from where its arm is; unless ``begun``."""
         told, ghosts = list[str](), dict[str, Ghost]()
         for arm, motion in motions.items():
             path, end = tip_path_m(cell, arm, motion), motion(motion.times_s[-1])
@@ -85,7 +89,7 @@ class Question:
             told.append(
                 f"{arm} moves {100 * length_m:.1f} cm in {motion.duration_s:.1f} s, to {x:.0f} {y:.0f} {z:.0f} mm"
             )
-        return cls([Choice("; ".join([*told, *_apart(cell, motions)]), ghosts)])
+        return cls([Choice("; ".join([*told, *_apart(cell, motions)]), ghosts)], may_refuse=not begun)
 
 
 class Paths:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
@@ -14,7 +14,8 @@ from trocar.arms import fk
 from trocar.cell import SEAT, Cell
 from trocar.console.console import Console
 from trocar.console.inputs import Inputs
-from trocar.errors import EmergencyStop
+from trocar.console.lobby import Lobby
+from trocar.errors import EmergencyStop, MachineError
 from trocar.eval.config import RunConfig
 from trocar.eval.sight import sight_of
 from trocar.hardware.laboratory import HardwareLaboratory
@@ -33,6 +34,8 @@ STILL_S = 0.25
 """The same, in addition, while the cell's clock is paused and the person says nothing: then nothing changes."""
 STATE_S = 0.02
 """Wall-clock time between two states for devices."""
+SET_UP_S = 1.0
+"""Time for the page to show that the next trial is set up, which takes a while."""
 FROZEN_S = 5.0
 """A page whose process has not shown a moment for this long counts as left: nobody could stop an arm there."""
 OF_ANY_TRIAL = (Wish.STOP, Wish.GO_ON, Wish.EMERGENCY, Wish.LEFT, Wish.LEVEL, Wish.SPEED, Wish.PAUSE)
@@ -52,7 +55,7 @@ class Watch:
         told: called with the page's address, and with that for devices, once they are open.
 
     Attributes:
-        console: of the present or last trial.
+        console: of the present or last trial, or of the time between two.
         latencies_s: times from input to set-point, of all trials.
     """
 
@@ -69,9 +72,11 @@ class Watch:
         self._open = ExitStack()
         self._left_over: list[Said] = []
         self._inputs = None if inputs is None else Inputs(inputs, lambda: self._state)
-        self.console, self.latencies_s = Console(level, speed), []
+        self.latencies_s: list[float] = []
+        self.console: Console | Lobby = Console(level, speed)
         self._state = state_of(self.console)
         self._due_s, self._state_due_s, self._trials = 0.0, 0.0, 0
+        self._simulated = True
         self._frozen = False  # whether the page's process does not answer
         self._shown: tuple[float, bool, bool] | None = None  # the clock and what is asked, as the page shows them
 
@@ -108,19 +113,20 @@ class Watch:
         self._sight, self._trials = sight_of(laboratory), self._trials + 1
         self._flaws = {} if config.robot else config.about()["flaws"]
         difficulty = () if config.robot else (f"flaws: {', '.join(config.how_difficult)}",)
-        self._clock = ", ".join([f"trial {self._trials}", *difficulty])
+        self._clock = ", ".join([f"trial {self._trials}", config.method, *difficulty])
         from trocar.report.files import task_report  # Matplotlib only when needed
 
         solids = painted(self._sight.scenery.solids, task_report(config.task).colours)
         scenery = replace(self._sight.scenery, solids=solids)
         simulated = laboratory if isinstance(laboratory, SimLaboratory) else None
+        self._simulated = simulated is not None
         console = Console(
             self.console.level,
             self.console.speed,
             noun=config.task.goal_noun,
             hear=self._hear,
             show=self._show,
-            paced=simulated is not None,
+            paced=self._simulated,
             over=lambda: simulated is not None and simulated.interrupted,
             stopped=self.console.stopped,
             paused=self.console.paused,
@@ -131,22 +137,57 @@ class Watch:
         seated = {**laboratory.cell.assistants, SEAT: console}
         laboratory.cell = replace(laboratory.cell, assistants=seated)
         if self._page is None and self._port is not None:
-            title = " ".join(part for part in (config.task.name, config.task.variant, config.method) if part)
+            title = f"{config.task.name} {config.task.variant}".strip()
             page = LivePage(scenery, title, self._moment(), self._port, opens=ConsoleView)
             self._page = self._open.enter_context(page)
             self._told_address(self.address)
 
+    def next_method(self, words: str, methods: Sequence[str]) -> str:
+        """Wait until the person begins another trial; return its method.
+
+        Args:
+            words: what the last trial gave.
+            methods: among which the person may choose, the last one's first.
+
+        Raises:
+            EmergencyStop: the person ended the run.
+            MachineError: the page's process has ended.
+        """
+        last, self._left_over = self.console, []
+        how = {"stopped": last.stopped, "paused": last.paused}
+        self.console = lobby = Lobby(words, methods, last.level, last.speed, self._simulated, self.latencies_s, **how)
+        while not lobby.chosen:
+            for said in self._hear():
+                lobby.take_in(said)
+            if lobby.ended:
+                raise EmergencyStop(lobby.ended)
+            if self._page is not None and self._page.ended:
+                raise MachineError("the process that shows the page has ended; the same command continues")
+            self._show()
+            time.sleep(STATE_S)
+        end_s = time.monotonic() + SET_UP_S
+        while self._page is not None and not self._page.waits and time.monotonic() < end_s:
+            time.sleep(STATE_S)
+        self._due_s = 0.0
+        self._show()
+        return lobby.chosen
+
+    @property
+    def _trial(self) -> Console:
+        assert isinstance(self.console, Console)  # while a trial runs
+        return self.console
+
     async def wait(self, now_s: float) -> None:
         """Return when the next tick may begin."""
-        await self.console.wait(now_s)
+        await self._trial.wait(now_s)
 
     async def serve(self, cell: Cell) -> None:
         """Carry out what the person asks for."""
-        await self.console.serve(cell)
+        await self._trial.serve(cell)
 
     def heard(self, event: Mapping[str, object]) -> None:
         """Note an event of the log."""
-        self.console.note(event)
+        self._trial.note(event)
 
     @property
     def asks(self) -> bool:
@@ -200,11 +241,12 @@ class Watch:
         )
 
 
-def state_of(console: Console) -> Mapping[str, Any]:
+def state_of(console: Console | Lobby) -> Mapping[str, Any]:
     """Return time, arms and the console's state in words, for a device, as JSON values."""
-    cell, arms = console.cell, dict[str, Any]()
-    if cell is None:
-        return {"time_s": 0.0, "arms": arms, "words": "it has not begun"}
+    arms = dict[str, Any]()
+    if isinstance(console, Lobby) or console.cell is None:
+        return {"time_s": 0.0, "arms": arms, "words": "no trial runs"}
+    cell = console.cell
     for arm in cell.arms:
         reading, q = cell.robot.read(arm), cell.robot.setpoint(arm).q
         tip = cell.T_world_base_registered[arm] @ fk(cell.arms[arm], q)

@@ -10,6 +10,7 @@ import numpy as np
 
 from trocar.cell import JointReading, MotionEnd, MotionResult, Robot, SetPoint
 from trocar.errors import ArmStopped, MotionRefused, TrocarError
+from trocar.robots.coordinator import Blocked
 from trocar.trajectory import Trajectory
 
 RAMP_S = 0.4
@@ -31,11 +32,26 @@ class StoppedByPerson(ArmStopped):
         super().__init__(arm, "a person stopped it")
 
 
+class Vetoed(Blocked):
+    """A person said no to the motion of an ``arm``; it has not moved, and its script may try something else."""
+
+    def __init__(self, arm: str):
+        MotionRefused.__init__(self, f"a person said no to the motion of arm {arm!r}", arm=arm)
+
+
 class Supervisor(Protocol):
     """The person, as the robot sees them."""
 
-    async def permit(self, motions: Mapping[str, Trajectory]) -> None:
-        """Return once these motions, as they will be sent, may start."""
+    async def permit(self, motions: Mapping[str, Trajectory], *, begun: bool = False) -> None:
+        """Return once these motions, as they will be sent, may start.
+
+        Args:
+            motions: by arm.
+            begun: whether they are what is left of motions that were stopped; these cannot be refused.
+
+        Raises:
+            Vetoed: the person said no.
+        """
         ...
 
     async def free(self, arm: str) -> None:
@@ -110,7 +126,12 @@ class Supervised:
         self.robot.prepare(motions)
 
     async def move(self, motions: Mapping[str, Trajectory]) -> Mapping[str, MotionResult]:
-        """Run trajectories from rest, once they are permitted."""
+        """Run trajectories from rest, once they are permitted.
+
+        Raises:
+            Vetoed: the person said no.
+            MotionRefused: as the wrapped robot.
+        """
         await self._supervisor.permit(motions)
         return await self._played(self.robot.move, motions)
 
@@ -145,7 +166,7 @@ class Supervised:
             for arm in set(stopped) - set(left):
                 results[arm] = replace(results[arm], ended=MotionEnd.DONE, cause=None)
             if left:
-                await self._supervisor.permit({arm: rest.motion for arm, rest in left.items()})
+                await self._supervisor.permit({arm: rest.motion for arm, rest in left.items()}, begun=True)
                 results |= await self._went_on(left, results)
         return results
 

@@ -49,6 +49,7 @@ class Wish(Enum):
     """What a person can ask for."""
 
     YES = "the motion that is asked about may start, or this goal is next"
+    NO = "the motion that is asked about must not start"
     ANOTHER = "another goal than the one that is asked about"
     STOP = "all arms brake, and stay"
     GO_ON = "arms that were stopped go on"
@@ -62,11 +63,12 @@ class Wish(Enum):
     SPEED = "the clock runs at this speed"
     PAUSE = "pause the clock, or let it run again: whether it is paused"
     STEP = "the clock advances by this time"
+    BEGIN = "a trial with this method begins"
     DONE = "the person has done what there is to do"
     LEFT = "the page that held the controls is gone, or does not answer any more"
 
 
-ANSWERS = (Wish.YES, Wish.ANOTHER)
+ANSWERS = (Wish.YES, Wish.NO, Wish.ANOTHER)
 """Wishes that answer a question."""
 OF_ANYBODY = (Wish.STOP, Wish.EMERGENCY)
 """Wishes that need no controls: whoever sees a danger stops the arms."""
@@ -134,11 +136,14 @@ class Standing:
         colour: of the sentence.
         asks: whether a motion or a goal waits for confirmation.
         question: number of the question about it; the page's yes names it.
+        may_refuse: whether the motion can be refused.
         choices: number of goals among which the person may choose; 1: there is no choice.
         stopped: whether the arms are stopped.
         level: what a script needs confirmation for.
         speed: of the simulator's clock; None on real arms.
         works: whether the person does the whole task, rather than a script.
+        idle: whether no trial runs.
+        methods: with which the person may begin a trial; none while one runs.
         ghosts: motions that wait for confirmation, or the way of a goal, by arm.
         paths: of the motions that scripts run, by arm: points (n, 3) m in the world.
         hands: arms that the person moves: position (3,) in m and quaternion w, x, y, z of the tip, or None while the
@@ -149,11 +154,14 @@ class Standing:
     colour: Rgb = GOOD
     asks: bool = False
     question: int = 0
+    may_refuse: bool = False
     choices: int = 1
     stopped: bool = False
     level: Level = Level.AUTONOMOUS
     speed: float | None = 1.0
     works: bool = False
+    idle: bool = False
+    methods: tuple[str, ...] = ()
     ghosts: Mapping[str, Ghost] = field(default_factory=dict)
     paths: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     hands: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]] | None] = field(default_factory=dict)
@@ -231,17 +239,21 @@ class ConsoleView(LiveView):
         with gui.add_folder("Console", order=CONTROLS):
             self._words = gui.add_html("")
             self._yes = self._add_button("Yes, go", "Y", Wish.YES, color="green", visible=False)
+            self._no = self._add_button("No, not this", "V", Wish.NO, visible=False)
             self._another = self._add_button("Another goal", "N", Wish.ANOTHER, visible=False)
             self._stop = self._add_button("Stop", "S", Wish.STOP, color="orange")
             self._go_on = self._add_button("Go on", "G", Wish.GO_ON, color="green", visible=False)
             self._add_button("EMERGENCY STOP", "X", Wish.EMERGENCY, color="red")
             self._done = gui.add_button("Task done: end the trial", visible=False)
+            self._method: Any = gui.add_dropdown("method", ("",), visible=False)
+            self._begin = gui.add_button("Begin a trial", color="green", visible=False)
             levels = {level.value: level for level in Level}
             clocks = {"pause": (Wish.PAUSE, True), "run": (Wish.PAUSE, False), "step .1 s": (Wish.STEP, STEP_S)}
             self._level = level = gui.add_dropdown("yes needed for", tuple(levels))
             self._speed = speed = gui.add_dropdown("speed", tuple(self._speeds))
             self._turns = clock = gui.add_button_group("clock", tuple(clocks))
         self._pass_on(self._done.on_click, lambda _: (Wish.DONE, None))
+        self._pass_on(self._begin.on_click, lambda _: (Wish.BEGIN, self._method.value))
         self._pass_on(clock.on_click, lambda _: clocks[clock.value])
         self._pass_on(level.on_update, lambda _: (Wish.LEVEL, levels[level.value]))
         self._pass_on(speed.on_update, lambda _: (Wish.SPEED, self._speeds[speed.value]))
@@ -314,15 +326,20 @@ class ConsoleView(LiveView):
             f'<div style="border-left:6px solid {css(now.colour)};padding:4px 10px">{escape(now.words)}</div>'
         )
         self._yes.visible, self._done.visible = now.asks, now.works
+        self._no.visible = now.asks and now.may_refuse
         self._another.visible = now.asks and now.choices > 1
         self._stop.visible, self._go_on.visible = not now.stopped, now.stopped
+        self._method.visible = self._begin.visible = bool(now.methods)
+        if now.methods and self._method.options != now.methods:
+            self._method.options = now.methods
         self._level.visible = not now.works  # no script asks
         self._level.value = now.level.value
         self._speed.visible = self._turns.visible = now.speed is not None
         self._speed.value = next((name for name, speed in self._speeds.items() if speed == now.speed), "x 1")
         for arm, (take, back, jaws) in self._arms.items():
             held = arm in now.hands
-            take.visible, back.visible, jaws.visible = not held and not now.works, held and not now.works, held
+            busy = not now.works and not now.idle  # with a script
+            take.visible, back.visible, jaws.visible = busy and not held, busy and held, held
             self._show_handle(arm, now)
             self._show_ghost(arm, now.ghosts.get(arm))
             self._show_path(arm, now.paths.get(arm))
