@@ -7,7 +7,9 @@ from trocar.view.console_view import Level, Said, Wish
 
 
 def lobby(**how):
-    return Lobby("Trial 1 with a: 2 of 3 goals", ("a", "b"), Level.MOTIONS, 1.0, **{"paced": True} | how, latencies_s=[])
+    return Lobby(
+        "Trial 1 with a: 2 of 3 goals", ("a", "b"), Level.MOTIONS, 1.0, **{"paced": True} | how, latencies_s=[]
+    )
 
 
 def test_a_trial_begins_with_a_method_that_there_is():
@@ -28,7 +30,7 @@ def test_what_is_set_between_trials_is_shown_and_kept():
     now = here.standing
     assert (now.level, now.speed, now.stopped) == (Level.GOALS, 4.0, True) and "until you press Go on" in now.words
     here.take_in(Said(Wish.GO_ON))
-    assert not here.stopped and not here.ended
+    assert not here.stopped and not here.chosen
 
 
 def test_real_arms_have_no_speed():
@@ -46,7 +48,8 @@ def test_wishes_about_a_trial_count_for_nothing(wish):
     assert vars(here) == before
 
 
-def test_an_emergency_stop_ends_it_all():
+def test_after_an_emergency_stop_the_arms_wait_for_the_person():
     here = lobby()
     here.take_in(Said(Wish.EMERGENCY))
-    assert here.ended == "a person pressed the emergency stop"
+    here.take_in(Said(Wish.BEGIN, value="a"))
+    assert here.stopped and here.chosen == "a" and "until you press Go on" in here.standing.words

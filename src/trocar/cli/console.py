@@ -19,7 +19,7 @@ from trocar.cli.report import finish
 from trocar.cli.robot import about_motion, agreed, play_on_robot
 from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside
-from trocar.errors import EmergencyStop, InvalidInput, InvalidValue, TrocarError, UnknownName
+from trocar.errors import InvalidInput, InvalidValue, TrocarError, UnknownName
 from trocar.eval import Method, Task, methods_of, methods_of_any, pick_method
 from trocar.eval.config import RunConfig
 from trocar.interruption import CtrlC
@@ -39,10 +39,7 @@ def console(
     task: type[Task],
     options: Mapping[str, Any],
     run: Mapping[str, Any],
-    out: Annotated[
-        Path | None,
-        Option(metavar="DIR", help=ABOUT_OUT),
-    ] = None,
+    out: Annotated[Path | None, Option(metavar="DIR", help=ABOUT_OUT)] = None,
     confirm: Annotated[str, Option(metavar="motions|goals|nothing", help=ABOUT_CONFIRM)] = MOTIONS,
     speed: Annotated[float, Option(help=ABOUT_SPEED)] = 1.0,
     devices: Annotated[int | None, Option(metavar="PORT", min=0, max=65535, help=ABOUT_DEVICES)] = None,
@@ -82,20 +79,20 @@ def console(
             method, words = first.method, ""
             while True:
                 used[method] = None
+                into = folder / method
                 try:
-                    into = folder / method
                     words = _one_more(config_of(method, 1 + len(trial_files(into))), into, watch)
-                except EmergencyStop:
-                    raise
                 except TrocarError as error:
+                    if not words:  # no page is open yet
+                        raise
                     words = f"No trial with {method}: {error}"
                 method = watch.next_method(words, [method, *(name for name in methods if name != method)])
-    except (KeyboardInterrupt, EmergencyStop) as stop:
-        if str(stop):
-            beside().print(str(stop), soft_wrap=True)
-    for method in used:
-        if trial_files(folder / method):
-            finish(folder / method, as_json=False, interrupted=False)
+    except KeyboardInterrupt:
+        beside().print("ended; the same command continues")
+    finally:
+        for method in used:
+            if trial_files(folder / method):
+                finish(folder / method, as_json=False, interrupted=False)
 
 
 def _one_more(config: RunConfig, folder: Path, watch: Watch) -> str:
@@ -106,7 +103,11 @@ def _one_more(config: RunConfig, folder: Path, watch: Watch) -> str:
 
     place = open_folder(config, folder)[0]
     if config.robot:
+        from trocar.eval.on_robot import STOPPED
+
         trial = play_on_robot(config, folder, place, watch)
+        if trial.ended == STOPPED:
+            raise KeyboardInterrupt
     else:
         with progress() as tick, CtrlC() as ctrl_c:
 

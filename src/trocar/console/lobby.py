@@ -23,7 +23,6 @@ class Lobby:
         latencies_s: of the trials before.
         stopped: whether the arms of the next trial are stopped until the person lets them go on.
         paused: whether its clock is paused.
-        ended: why the person ended it all; empty if nobody did.
         chosen: the method with which the next trial begins; empty: not yet.
     """
 
@@ -35,11 +34,11 @@ class Lobby:
     latencies_s: list[float]
     stopped: bool = False
     paused: bool = False
-    ended: str = ""
     chosen: str = ""
 
     now_s: ClassVar[float] = 0.0
     asks: ClassVar[bool] = False
+    ended: ClassVar[str] = ""
     needed: ClassVar[bool] = False
 
     def take_in(self, said: Said) -> None:
@@ -47,9 +46,7 @@ class Lobby:
         match said.wish:
             case Wish.BEGIN if said.value in self.methods:
                 self.chosen = said.value
-            case Wish.EMERGENCY:
-                self.ended = said.value or "a person pressed the emergency stop"
-            case Wish.STOP:
+            case Wish.STOP | Wish.EMERGENCY:
                 self.stopped = True
             case Wish.GO_ON:
                 self.stopped = False

@@ -150,7 +150,6 @@ class Watch:
             methods: among which the person may choose, the last one's first.
 
         Raises:
-            EmergencyStop: the person ended the run.
             MachineError: the page's process has ended.
         """
         last, self._left_over = self.console, []
@@ -159,8 +158,6 @@ class Watch:
         while not lobby.chosen:
             for said in self._hear():
                 lobby.take_in(said)
-            if lobby.ended:
-                raise EmergencyStop(lobby.ended)
             if self._page is not None and self._page.ended:
                 raise MachineError("the process that shows the page has ended; the same command continues")
             self._show()
@@ -168,7 +165,7 @@ class Watch:
         end_s = time.monotonic() + SET_UP_S
         while self._page is not None and not self._page.waits and time.monotonic() < end_s:
             time.sleep(STATE_S)
-        self._due_s = 0.0
+        self._due_s, self._shown = 0.0, None
         self._show()
         return lobby.chosen
 
