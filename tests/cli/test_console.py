@@ -18,6 +18,7 @@ SHORT = ("peg-transfer", "--transfers", "1", "--seed", "3")
         (("--speed", "-1"), "above 0"),
         (("--enable-motion",), "no --robot is named"),
         (("--method", "policy"), "trocar run"),
+        (("--method", "person", "--calibration", "joints"), "drop --calibration"),
         (("--robot", "crtk:peg-transfer", "--method", "uncalibrated"), "add --enable-motion"),
     ],
 )
@@ -48,7 +49,7 @@ def test_trials_come_one_after_the_other_and_are_reported_at_the_end(trocar, tmp
     monkeypatch.setattr(console, "Watch", Day)
     Day.plan[:], Day.seen[:] = ("none such", "person", "person-calibrated"), ()
     how = ("--method", "person-calibrated", "--calibration", "joints", "--out", tmp_path / "day", "--no-open")
-    code, out, err = trocar("console", *SHORT, *how)
+    code, _, err = trocar("console", *SHORT, *how)
     assert code == 0, err
     trials, strange = load_trials(tmp_path / "day" / "person-calibrated")
     assert len(trials) == 2 and not strange and [trial.about["index"] for trial in trials] == [0, 1]
