@@ -110,12 +110,7 @@ class Page:
 
     def press(self, label: str) -> None:
         """Click the button whose text begins so, once it is there."""
-        found = f"[...document.querySelectorAll('button')].find(b => b.innerText.startsWith({label!r}))"
-        self.until(f"!!{found}")
-        self.evaluate(f"{found}.scrollIntoView({{block: 'center'}})")
-        self.click(
-            *self.evaluate(f"(r => [r.left + r.width / 2, r.top + r.height / 2])({found}.getBoundingClientRect())")
-        )
+        self._click_on(f"[...document.querySelectorAll('button')].find(b => b.innerText.startsWith({label!r}))")
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
@@ -132,11 +127,27 @@ class Page:
             for process in processes:
                 os.kill(process, signal.SIGCONT)
 
-    def key(self, letter: str) -> None:
-        """Press the key of a letter."""
-        key = {"key": letter.lower(), "code": f"Key{letter}", "text": letter.lower()}
-        for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, windowsVirtualKeyCode=ord(letter), **key)
+    def key(self, letter: str, repeats: int = 0, *, shift: bool = False) -> None:
+        """Press the key of a letter, with Shift or not; it repeats so many times before it is let go."""
+        text = letter if shift else letter.lower()
+        key = {"key": text, "code": f"Key{letter}", "windowsVirtualKeyCode": ord(letter), "modifiers": 8 * shift}
+        for repeat in range(repeats + 1):
+            self.call("Input.dispatchKeyEvent", type="keyDown", text=text, autoRepeat=repeat > 0, **key)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **key)
+
+    def choose(self, present: str, wanted: str) -> None:
+        """Choose an entry of the menu that shows ``present``."""
+        for found, text in (("input", present), ("[role=option]", wanted)):
+            one = f"[...document.querySelectorAll({found!r})].find(e => (e.value ?? e.innerText) === {text!r})"
+            self._click_on(one)
+
+    def _click_on(self, found: str) -> None:
+        """Click on the middle of an element, once it is there."""
+        self.until(f"!!{found}")
+        self.evaluate(f"{found}.scrollIntoView({{block: 'center'}})")
+        self.click(
+            *self.evaluate(f"(r => [r.left + r.width / 2, r.top + r.height / 2])({found}.getBoundingClientRect())")
+        )
 
     def picture(self) -> NDArray[np.uint8]:
         """Return what is seen now (h, w, 3)."""

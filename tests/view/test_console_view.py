@@ -85,6 +85,47 @@ def test_the_emergency_stop_has_a_key(opened):
     assert until(lambda: opened.said)[0].wish is Wish.EMERGENCY
 
 
+def test_a_key_that_is_held_repeats_steps_but_neither_a_yes_nor_jaws(opened):
+    """A yes that repeats would be one to the next question too, as soon as it is shown."""
+    opened, page = opened
+    opened.show(words="In your hands", hands={"psm1": (np.zeros(3), np.array([1.0, 0, 0, 0]))})
+    page.until("document.body.innerText.includes('Keys move psm1')")
+    opened.said.clear()
+    for letter in "UYCS":
+        page.key(letter, repeats=4)
+    page.key("O", shift=True)
+    said = until(lambda: len(opened.said) > 8 and opened.said)
+    assert [one.wish for one in said] == [Wish.HOLD] * 5 + [Wish.YES, Wish.JAW, Wish.STOP, Wish.HOLD]
+    assert [1e3 * one.value.by_m[2] for one in (said[0], said[-1])] == pytest.approx([1.0, -5.0])
+
+
+def test_the_key_that_stops_leaves_the_view_where_it_is(opened):
+    opened, page = opened
+    camera = "(c => [...c.position.toArray(), ...c.quaternion.toArray()])(window.__viserMutable.camera)"
+    before, drawn = (
+        page.evaluate(camera),
+        "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))",
+    )
+    held = {"key": "s", "code": "KeyS", "windowsVirtualKeyCode": ord("S")}
+    opened.said.clear()
+    page.call("Input.dispatchKeyEvent", type="keyDown", **held)
+    page.evaluate(drawn)
+    page.call("Input.dispatchKeyEvent", type="keyUp", **held)
+    assert until(lambda: opened.said)[0].wish is Wish.STOP
+    np.testing.assert_allclose(page.evaluate(camera), before, atol=1e-9)
+
+
+def test_keys_count_though_a_menu_was_used_last(opened):
+    opened, page = opened
+    opened.show(words="Runs")
+    page.choose(Level.AUTONOMOUS.value, Level.MOTIONS.value)
+    until(lambda: opened.said and opened.said[-1].wish is Wish.LEVEL)
+    assert page.evaluate("document.activeElement.tagName") == "INPUT"
+    opened.said.clear()
+    page.key("X")
+    assert until(lambda: opened.said)[0].wish is Wish.EMERGENCY
+
+
 def test_words_and_levels_are_shown(opened):
     opened, page = opened
     opened.show(words="Waits for your yes: psm1 moves", asks=True, level=Level.MOTIONS)

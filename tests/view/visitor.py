@@ -16,14 +16,24 @@ LIMIT_S = 30.0
 
 
 class Visitor:
-    """What somebody does on a page of this server."""
+    """What somebody does on a page of this server.
 
-    def __init__(self, server: Any) -> None:
-        self._server = server
+    Attributes:
+        camera: of the page: ``wxyz``.
+    """
+
+    def __init__(self, server: Any, camera: Any) -> None:
+        self._server, self.camera = server, camera
 
     def choose(self, handle: Any, value: object) -> None:
         """Set the value of a menu or a slider."""
         self._happens(_messages.GuiUpdateMessage(handle._impl.uuid, {"value": value}))
+
+    def trigger(self, label: str) -> None:
+        """Press the key of a command."""
+        commands = self._server.gui._command_handle_from_uuid
+        (number,) = [number for number, command in commands.items() if command.label == label]
+        self._happens(_messages.CommandTriggerMessage(number))
 
     def drag(self, node: str, places_m: list[tuple[float, float, float]]) -> None:
         """Take the handle at a node, drag it to these places, and let go."""
@@ -40,10 +50,12 @@ class Visitor:
 @contextmanager
 def visitor_of(server: Any) -> Iterator[Visitor]:
     """Yield the only visitor of a server."""
-    page = SimpleNamespace(client_id=NUMBER, local_storage=SimpleNamespace(get_item=lambda key: None))
+    camera = SimpleNamespace(wxyz=(1.0, 0.0, 0.0, 0.0))
+    storage = SimpleNamespace(get_item=lambda key: None)
+    page = SimpleNamespace(client_id=NUMBER, camera=camera, local_storage=storage)
     server._connected_clients[NUMBER] = page
     try:
-        yield Visitor(server)
+        yield Visitor(server, camera)
     finally:
         del server._connected_clients[NUMBER]
 

@@ -15,7 +15,7 @@ from trocar.learn.control import ABSOLUTE, Answer, Control
 from trocar.robots import TICK_S
 from trocar.robots.retrace import apart, retraced
 from trocar.trajectory import Trajectory
-from trocar.view.console_view import Held
+from trocar.view.console_view import Held, Step
 
 RATE_HZ = 50.0
 """Set-points per second."""
@@ -23,6 +23,13 @@ DWELL_S = 0.2
 """Jaws close at once, but open only after the input has asked for it this long, so that a slip drops nothing."""
 SILENT_S = 0.3
 """A device that has not reported for this long counts as released."""
+STEP_S = 1.0
+"""A key's step that has not arrived after this time on the cell's clock is given up."""
+STEP_M_S = 0.02
+"""Speed of a key's step. If its goal jumped, each joint would follow as fast as it can, and the tip leave its line."""
+AHEAD_M, ARRIVED_M = 1e-3, 1e-6
+"""How near the tip is to the end of a key's step when the next one may begin, and when it has arrived."""
+UNMOVED = Held(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), turns=False)
 CLOSED_RAD = -0.17
 """Target of closing jaws: beyond closed, so that the drive presses."""
 
@@ -41,7 +48,7 @@ class Hand:
 
     Attributes:
         latencies_s: time from each input to the set-point that follows it, on the machine's clock.
-        refused: why the arm does not follow or return, in a sentence; empty if it does.
+        refused: why the arm does not follow or return, in a sentence; empty if it does. After a key's step, it stays.
         path_q: joints (6,) along the arm's path since it was taken over.
     """
 
@@ -51,6 +58,8 @@ class Hand:
         self._began: tuple[Held, SE3] | None = None
         self._input: tuple[Held, float, str] | None = None  # pose, time, source
         self._new = False
+        self._ends_s: float | None = None  # when a key's step is given up, on the cell's clock; None: not a key's
+        self._came_m = np.zeros(3)  # how far a key's step has come
         jaw = cell.arms[arm].jaw
         self._closed_rad, self._wide_rad = max(jaw.lower, CLOSED_RAD), jaw.upper
         self._jaw_rad = self._sent_rad = cell.robot.read(arm).jaw_rad if jaw_rad is None else jaw_rad
@@ -72,16 +81,20 @@ class Hand:
         """Return whether the tip follows the input."""
         return self._input is not None
 
-    def hold(self, held: Held, at_s: float, source: str = "") -> None:
-        """Note the pose of an input; ignored while another input is held.
+    def hold(self, held: Held | Step, at_s: float, source: str = "") -> None:
+        """Note the pose of an input, or a key's step; ignored while another input is held.
 
         Args:
-            held: the pose.
+            held: the pose, or the step. One that comes while more than ``AHEAD_M`` of the step before is still to go is
+                dropped: however fast keys come, the tip stops at most so much and a step after the last one.
             at_s: when the input was there, on the machine's monotonic clock.
             source: name of a device, which must report for as long as it is held, and counts as released when it falls
                 silent; empty for the page, which reports only changes.
         """
         if self._input is not None and self._input[2] != source:
+            return
+        if isinstance(held, Step):
+            self._add(held, at_s, source)
             return
         if self._began is None:
             self._control = Control(self._cell, (self.arm,), ABSOLUTE, RATE_HZ)
@@ -92,8 +105,38 @@ class Hand:
     def release(self, source: str | None = None) -> None:
         """Note that this input (None: any) was released."""
         if self._input is not None and source in (None, self._input[2]):
-            self._began = self._input = self._control = None
-            self.refused, self._answer = "", Answer()
+            self._let_go()
+            self.refused = ""
+
+    def _let_go(self) -> None:
+        self._began = self._input = self._control = self._ends_s = None
+        self._answer = Answer()
+
+    def _add(self, step: Step, at_s: float, source: str) -> None:
+        """Hold an input that is a step further than it was, unless the tip is too far behind."""
+        if self._input is None:
+            self.hold(UNMOVED, at_s, source)
+            self._came_m = np.zeros(3)
+        assert self._input is not None and self._began is not None  # it is held
+        before = self._input[0]
+        if self._to_go_m(before) <= AHEAD_M:
+            self.hold(before._replace(position_m=before.position_m + step.by_m), at_s, source)
+            self._ends_s = self._cell.clock.now_s() + STEP_S
+
+    def _to_go_m(self, held: Held) -> float:
+        """Return the distance of the tip from where the input has it."""
+        assert self._began is not None  # it is held
+        return float(np.linalg.norm(self._goal(held, *self._began).translation_m - self.tip.translation_m))
+
+    def _is_over(self) -> bool:
+        """Return whether a key's step has arrived or is given up, or a device has fallen silent."""
+        if self._input is None:
+            return False
+        held, at_s, source = self._input
+        if self._ends_s is None:
+            return source != "" and time.monotonic() - at_s > SILENT_S
+        arrived = not self._new and self._to_go_m(held) < ARRIVED_M
+        return arrived or self._cell.clock.now_s() > self._ends_s
 
     def stop(self) -> None:
         """Note that the arm was stopped: release the input, and drop jaw commands that were not sent yet."""
@@ -137,8 +180,8 @@ class Hand:
                 await self._cell.clock.sleep(round(1 / RATE_HZ / TICK_S) * TICK_S)
 
     def _step(self, nursery: trio.Nursery) -> None:
-        if self._input is not None and self._input[2] and time.monotonic() - self._input[1] > SILENT_S:
-            self.release()
+        if self._is_over():
+            self._let_go()
         now_s = self._cell.clock.now_s()
         if self._jaw_due and (self._jaw_rad <= self._sent_rad or now_s - self._jaw_since_s >= DWELL_S):
             self._sent_rad, self._jaw_due, self._moves_jaws = self._jaw_rad, False, True
@@ -149,7 +192,7 @@ class Hand:
             self.path_q.append(q)
         if self._input is None or self._control is None or self._began is None:
             return
-        goal, turned_less = self._within_reach(self._goal(self._input[0], *self._began))
+        goal, turned_less = self._within_reach(self._goal(self._now_at(self._input[0]), *self._began))
         turn = goal.rotation.as_quaternion()
         self.refused = next(iter(self._answer.refused.values()), turned_less)
         self._answer = Answer()
@@ -160,6 +203,14 @@ class Hand:
         if self._new:
             self._new = False
             self.latencies_s.append(time.monotonic() - self._input[1])
+
+    def _now_at(self, held: Held) -> Held:
+        """Return the pose of the input: of a key's step, as far as it comes at its speed."""
+        if self._ends_s is None:
+            return held
+        left_m = held.position_m - self._came_m
+        self._came_m = self._came_m + left_m * min(1.0, STEP_M_S / RATE_HZ / max(float(np.linalg.norm(left_m)), 1e-12))
+        return held._replace(position_m=self._came_m)
 
     def _within_reach(self, goal: SE3) -> tuple[SE3, str]:
         """Return the goal; if it is out of reach, with the tip's present orientation, and why."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel
 from trocar.geometry import SE3
 from trocar.view import trial_view
+from trocar.view.arm_keys import JAWS, ArmKeys
 from trocar.view.instrument import Instrument
 from trocar.view.live import GOOD, LAST, LiveView, Moment, Picture, Scene, box, table
 from trocar.view.pulse import Pulse
@@ -30,11 +31,9 @@ CONTROLS = 0.5
 """Place of the controls in the panel, above clock and arms."""
 SPEEDS = {**trial_view.SPEEDS, "as fast as it can": 0.0}
 """Seconds of the cell's clock per second; 0: no limit."""
-
-
-JAWS: Mapping[str, float] = {"close": 0.0, "a third": 1 / 3, "open": 1.0}
-"""Shares of the jaws' range."""
 STEP_S = 0.1
+KEYS = "keys"
+"""The source of steps that keys make."""
 
 
 class Level(Enum):
@@ -90,6 +89,16 @@ class Held(NamedTuple):
     turns: bool = True
 
 
+class Step(NamedTuple):
+    """A key that was pressed, or pressed again by being held down.
+
+    Attributes:
+        by_m: (3,) displacement along the world's axes.
+    """
+
+    by_m: NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class Said:
     """One wish.
@@ -99,7 +108,8 @@ class Said:
         arm: the arm that it concerns, if any.
         value: its value, if it has one.
         at_s: when it was made, on the machine's monotonic clock.
-        source: name of the device, which must report for as long as it holds an arm; empty for the page.
+        source: name of the device, which must report for as long as it holds an arm; ``KEYS`` for steps by keys; empty
+            for all else on the page.
     """
 
     wish: Wish
@@ -259,6 +269,13 @@ class ConsoleView(LiveView):
         self._pass_on(speed.on_update, lambda _: (Wish.SPEED, self._speeds[speed.value]))
         with gui.add_folder("Arms", order=CONTROLS):
             self._arms = {arm: self._add_arm(arm) for arm in replay.tools}
+            self._keys = ArmKeys(
+                gui,
+                self._arms,
+                self._may,
+                lambda arm, by_m: self._say(Said(Wish.HOLD, arm, Step(by_m), source=KEYS)),
+                lambda arm, share: self._say(Said(Wish.JAW, arm, share)),
+            )
         with gui.add_folder("Flaws of this cell", order=LAST, expand_by_default=False):
             self._flaws = gui.add_html("")
 
@@ -303,12 +320,15 @@ class ConsoleView(LiveView):
 
     def _wish(self, event: Any, wish: Wish, value: Any = None, arm: str = "") -> None:
         """Pass on a wish of the browser that has the controls, or anybody's stop; ignore what this program sets."""
-        if event.client is None:
-            return
-        if event.client.client_id != self._holder and wish not in OF_ANYBODY:
-            event.client.add_notification("Another page holds the controls", "It was opened first.")
-            return
-        self._say(Said(wish, arm, value))
+        if event.client is not None and (wish in OF_ANYBODY or self._may(event)):
+            self._say(Said(wish, arm, value))
+
+    def _may(self, event: Any) -> bool:
+        """Return whether an event's browser has the controls; else tell it."""
+        if event.client.client_id == self._holder:
+            return True
+        event.client.add_notification("Another page holds the controls", "It was opened first.")
+        return False
 
     @property
     def _holder(self) -> int:
@@ -336,6 +356,7 @@ class ConsoleView(LiveView):
         self._level.value = now.level.value
         self._speed.visible = self._turns.visible = now.speed is not None
         self._speed.value = next((name for name, speed in self._speeds.items() if speed == now.speed), "x 1")
+        self._keys.show(now.hands)
         for arm, (take, back, jaws) in self._arms.items():
             held = arm in now.hands
             busy = not now.works and not now.idle  # with a script
