@@ -133,6 +133,7 @@ def in_the_folder(folder, monkeypatch):
 RUN, FIT, EVALUATE, STUDY = "run peg-transfer", "calibrate fit", "calibrate evaluate", "study peg-transfer"
 EXCITE, COLLECT, REGISTER = "calibrate excite", "calibrate collect", "register cell"
 APPLY, EXPORT = "calibrate apply model.npz", "station export peg-transfer"
+DEMONSTRATIONS = "study demonstrations peg-transfer --method uncalibrated"
 BAD_ARRAYS = ("missing", "empty", "text", "cut", "words")
 STATIONS = {
     "missing": "does not exist",
@@ -258,6 +259,11 @@ BAD = [
     f"{STUDY} --report-only --out nothere -> folder 'nothere' does not exist; give that of a study with --out",
     f"{STUDY} --report-only --out folder -> folder 'folder' holds no study",
     f"{STUDY} --out file -> --out 'file' is a file; give a folder",
+    *each(STUDY, "--variants sideways -> 'sideways' is unknown; --methods magic -> --methods 'magic' is unknown"),
+    *each(STUDY, "--jobs 0 -> --jobs is '0'; --backend ray -> processes, dask; --sessions 0 -> give 1 or more"),
+    *each("study debridement", "--arms 3 -> choose one of 1, 2; --fragments 0 -> give 1 to 12"),
+    *each(DEMONSTRATIONS, "--failures hide -> --failures 'hide'; --layout rlds -> --layout 'rlds'"),
+    *each(DEMONSTRATIONS, "--command-noise 50 -> --command-noise; --command-noise -1 -> --command-noise"),
     "study debridement --arms 1,,2 -> --arms '1,,2' has a comma too many",
     "study debridement --model ridge -> --model ridge has no effect with best",
     *(f"export {name} --out tables" for name in ("missing", "folder", "badtrial", "recording.npz", "empty.npz")),
@@ -288,20 +294,28 @@ BAD = [
     *each("plan transfer", "waypoints.npy --limits none; waypoints.npy --up 0 0 0; waypoints.npy --up nan 0 1"),
     *each("plan transfer", "one.npz --out motions.txt -> must end in .csv, .npz; one.npz --out one.npz -> is read"),
     *each("plan transfer", "one.npz --step-ms 0 -> is outside; one.npz --step-ms nan -> is outside"),
-    *each("plan suture", "--preset magic; --count 0; --count 7 --positions 360; --positions 2; --count 6 --gap 70:"),
-    *each(
-        "plan suture",
-        "--gap nan:; --forbid here; --fix 90.5; --margin best; --search any; --joint-weights 1,2; --caution nan",
-    ),
-    *each("plan suture", "--weight nan; --arm psm-xi; --set circle_radius_mm=0; --set radius=3; --set pushes"),
-    *each("plan suture", "--set needle_radius_mm=20; --set needle_arc_deg=nan; --set center_x_mm=nan"),
-    *each("plan suture", "--set base_up_mm=inf; --set pushes=-1; --set theta_is=end; --out recording.npz"),
+    *each("plan suture", "--preset magic -> default, paper-demo; --count 0; --count 7 --positions 360; --positions 2"),
+    *each("plan suture", "--count 6 --gap 70:; --gap nan:; --preset paper-demo --gap 60: -> let theta_is be middle"),
+    *each("plan suture", "--search even --gap 60: -> give --search gaps; --search any; --forbid here; --margin best"),
+    *each("plan suture", "--forbid 10 -> FROM:TO; --fix 90.5; --fix nan -> fixed positions; --caution nan"),
+    *each("plan suture", "--caution 1 -> needs the variance of recorded sutures; --joint-weights 0,0,0 -> not all 0"),
+    *each("plan suture", "--joint-weights 1,2 -> give three numbers as R,P,Y; --weight nan; --arm psm-xi"),
+    *each("plan suture", "--set circle_radius_mm=0; --set radius=3; --set pushes; --set needle_radius_mm=20"),
+    *each("plan suture", "--set needle_arc_deg=nan; --set center_x_mm=nan -> center_x_mm is 'nan'"),
+    *each("plan suture", "--set center_x_mm=600 -> give -500 to 500 mm; --set base_up_mm=inf; --set pushes=-1"),
+    *each("plan suture", "--set theta_is=end; --out recording.npz; --out /dev/null/x -> cannot be made"),
     *(f"plan suture --demonstrations {name}" for name in ("missing", "folder", "recording.npz", "text.npy")),
-    *each("plan setup", "--preset magic; --free foo; --bound circle_radius_mm; --evaluations 1; --count 0"),
-    *each("plan setup", "--out recording.npz"),
+    *each("plan setup", "--preset magic; --free foo -> center_x_mm; --evaluations 1; --count 0; --out recording.npz"),
+    *each("plan setup", "--bound circle_radius_mm; --bound circle_radius_mm=25 -> NAME=LOW:HIGH"),
+    *each(
+        "plan setup", "--bound circle_radius_mm=-5:20 -> circle radius is -5 mm; --bound center_x_mm=-600:0 -> -600 mm"
+    ),
+    *each("plan setup", "--bound base_tilt_deg=0:nan -> base_tilt_deg is bounded by 0 and nan; --seed -1 -> is '-1'"),
+    *each("plan setup", "--arm hand -> raven2-left; --out /dev/null/x -> cannot be made"),
     *each("crtk serve peg-transfer", "--ros 3 -> give 1 or 2; --domain 999 -> 232; --seconds 0 -> more than 0"),
-    *each("crtk serve peg-transfer", "--seconds nan; --seconds 0 -> more than 0; --speed 0 -> above 0"),
-    *each("study suture", "--preset magic; --positions 90; --out recording.npz"),
+    *each("crtk serve peg-transfer", "--seconds nan; --speed 0 -> above 0"),
+    *each("study suture", "--preset magic -> paper-demo; --positions 90 -> multiple of 4; --out recording.npz"),
+    *each("study suture", "--demonstrations nowhere; --out file -> is a file; --out file/x -> cannot be made"),
 ]
 USAGE = [
     "fly",

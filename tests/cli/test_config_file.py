@@ -61,9 +61,10 @@ def test_a_task_on_the_line_counts_and_not_that_of_the_file(trocar, tmp_path, se
     assert (config.task.name, config.method, config.sessions) == ("peg-transfer", "uncalibrated", 3)
 
 
-@pytest.mark.parametrize(
-    "line", ["demonstrations --config FILE", "--config FILE demonstrations", "demonstrations peg-transfer --config FILE"]
-)
+LINES = ("demonstrations --config FILE", "--config FILE demonstrations", "demonstrations peg-transfer --config FILE")
+
+
+@pytest.mark.parametrize("line", LINES)
 def test_demonstrations_of_a_file_are_those_of_its_words(trocar, tmp_path, monkeypatch, written, line):
     found = []
 
