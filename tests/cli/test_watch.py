@@ -148,10 +148,7 @@ def test_a_run_that_stands_ends_with_the_process_of_its_page(how):
 
 
 def test_latencies_are_printed_though_an_emergency_stop_ends_the_run(capsys):
-    with (
-        pytest.raises(EmergencyStop),
-        _watched(watch=True, confirm="", speed=1.0, devices=None, jobs=1) as console,
-    ):
+    with pytest.raises(EmergencyStop), _watched(watch=True, confirm="", speed=1.0, devices=None, jobs=1) as console:
         console.latencies_s += [0.010, 0.030]
         raise EmergencyStop("pressed")
     assert "p50 20 ms" in "".join(capsys.readouterr())

@@ -87,8 +87,7 @@ def test_a_motion_is_sent_as_it_was_planned():
 
 
 @pytest.mark.parametrize(
-    ("plant", "fault"),
-    [(plant, fault) for plant, fault in PLANTED.items() if plant not in ("send raises", "stall")],
+    ("plant", "fault"), [(plant, fault) for plant, fault in PLANTED.items() if plant not in ("send raises", "stall")]
 )
 def test_a_faulty_arm_brakes_within_its_limits_and_names_the_fault(plant, fault):
     bench = on_its_way(0, plant)

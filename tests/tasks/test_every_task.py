@@ -12,15 +12,7 @@ from synthetic import unmarked
 from trocar.cell import Outcome
 from trocar.cli import app
 from trocar.errors import TrocarError
-from trocar.eval import (
-    TASKS,
-    Method,
-    TaskReport,
-    in_words,
-    methods_of,
-    perceptions_of,
-    pick_method,
-)
+from trocar.eval import TASKS, Method, TaskReport, in_words, methods_of, perceptions_of, pick_method
 from trocar.eval.config import RunConfig
 from trocar.eval.method import METHODS
 from trocar.eval.prepare import prepare

@@ -18,15 +18,7 @@ from numpy.typing import NDArray
 
 from trocar.cell import JointReading, MotionEnd
 from trocar.errors import ArmMoving, StartMismatch, TrocarError
-from trocar.hardware.arm import (
-    PASSING,
-    ArmFault,
-    Connect,
-    DrivenArm,
-    Fault,
-    HardwareArm,
-    LoopSettings,
-)
+from trocar.hardware.arm import PASSING, ArmFault, Connect, DrivenArm, Fault, HardwareArm, LoopSettings
 from trocar.hardware.messages import ArmReport, Clear, Close, Emergency, Jaw, Report, Start, Stop
 from trocar.robots.driver import Completion, Driver
 from trocar.robots.executor import Ending
