@@ -199,15 +199,3 @@ def test_a_paused_arm_obeys_nothing_until_it_is_resumed_and_refuses_words_out_of
     client.until(lambda: client.came["operating_state"].last.state == "ENABLED")
     refused = [event["reason"] for event in said(served)["events"] if event["name"] == "refused"]
     assert refused == ["'enable' does nothing when PAUSED", "'dance' does nothing when PAUSED"]
-
-
-def test_jaws_open(client):
-    client.out["jaw/move_jp"].send(JointState(stamped(), ["jaw"], [0.8]))
-    client.until(lambda: client.last("jaw/measured_js").position[0] > 0.75)  # their cable takes up some of it
-
-
-def test_an_arm_that_nobody_serves_is_said_with_its_topics(bus):
-    with pytest.raises(
-        InvalidInput, match=re.escape("publishes no /NOBODY/operating_state and no /NOBODY/measured_js")
-    ):
-        CrtkArm("nobody", TOPICS)
