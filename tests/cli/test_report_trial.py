@@ -46,7 +46,7 @@ def test_it_lies_beside_the_trial_and_what_is_of_the_run_stays(folder, trocar):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("--session", 1, "--trial", 7), "has no trial 7 of session 1"),
+        (("--session", 1, "--trial", 7), "no trial 7 of session 1; choose one of --session 0 --trial 0, --session 1"),
         (("--session", 1), "--session 1 is given without --trial"),
     ],
 )

@@ -64,9 +64,3 @@ def test_no_browser_is_opened_if_not_wanted(trocar, run, served, loaded):
     assert trocar("view", run, "--port", "0", "--no-open")[0] == 0
     assert loaded == [trial_file(run, 0, 0)]
     assert served["opened"] == []
-
-
-def test_a_trial_that_is_not_there_is_told(trocar, run, served):
-    code, _, err = trocar("view", run, "--trial", "1")
-    choices = "--session 0 --trial 0, --session 0 --trial 3, --session 1 --trial 2"
-    assert (code, err) == (2, f"trocar: {str(run)!r} has no trial 1 of session 0; choose one of {choices}\n")
