@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.eval.folder import open_folder
 from trocar.eval.trial import trial_file
 
@@ -22,10 +22,9 @@ def run(tmp_path):
     """A run of three trials of which one is there, one is of another run, and one is damaged."""
     folder = tmp_path / "run"
     open_folder(RUN, folder)
-    (folder / "session_00").mkdir()
-    short(synthetic_trial(RUN, 0)).save(trial_file(folder, 0, 0))
-    short(synthetic_trial(config(seed=5), 1)).save(trial_file(folder, 0, 1))
-    trial_file(folder, 0, 2).write_bytes(trial_file(folder, 0, 0).read_bytes()[:500])
+    whole = keep(short(synthetic_trial(RUN, 0)), folder)
+    keep(short(synthetic_trial(config(seed=5), 1)), folder)
+    trial_file(folder, 0, 2).write_bytes(whole.read_bytes()[:500])
     return folder
 
 

@@ -4,7 +4,7 @@ import urllib.request
 
 import pytest
 
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.eval.trial import Trial, trial_file
 
 pytest.importorskip("viser")
@@ -19,9 +19,7 @@ def run(tmp_path_factory):
     """The folder of a run with three trials of two sessions."""
     folder = tmp_path_factory.mktemp("run")
     for session, index in ((0, 0), (0, 3), (1, 2)):
-        path = trial_file(folder, session, index)
-        path.parent.mkdir(exist_ok=True)
-        synthetic_trial(config(), index, session=session).save(path)
+        keep(synthetic_trial(config(), index, session=session), folder)
     return folder
 
 
