@@ -23,7 +23,8 @@ from bench_console import ARM, Person, Seat
 from trocar.eval.config import RunConfig
 from trocar.geometry import SE3, SO3
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.view.console_view import HANDLE_M, Wish
+from trocar.view.console_view import HANDLE_M
+from trocar.view.wishes import Wish
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "view"))
 from browser import browser

@@ -24,7 +24,7 @@ import numpy as np
 
 from trocar.eval.config import RunConfig
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.view.console_view import Said, Wish
+from trocar.view.wishes import Said, Wish
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "view"))
 from bench_console import Person, Seat

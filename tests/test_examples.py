@@ -32,7 +32,7 @@ from trocar.files.archive import read_header
 from trocar.geometry import SE3, SO3
 from trocar.learn.dataset import export_lerobot
 from trocar.learn.policy import load_policy
-from trocar.view.console_view import Said, Wish
+from trocar.view.wishes import Said, Wish
 from waypoints import FOUR
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -32,6 +32,8 @@ def test_a_name_can_be_taken_once():
     assert table["blue"] == 3
     with pytest.raises(TrocarError, match="colour 'blue' is already registered"):
         table.register("blue", 4)
+    with pytest.raises(TrocarError, match="a colour is registered as 5; give it a name"):
+        table.register(5, 4)
 
 
 def test_entry_points_of_installed_packages_are_found():

@@ -1,4 +1,4 @@
-"""``trocar run --config FILE``: the same as the words that it stands for."""
+"""``--config FILE``: the same as the words that it stands for."""
 
 import pytest
 
@@ -59,6 +59,25 @@ def test_a_task_on_the_line_counts_and_not_that_of_the_file(trocar, tmp_path, se
     assert code == 70 and "Seen" in err
     config = seen["config"]
     assert (config.task.name, config.method, config.sessions) == ("peg-transfer", "uncalibrated", 3)
+
+
+LINES = ("demonstrations --config FILE", "--config FILE demonstrations", "demonstrations peg-transfer --config FILE")
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_demonstrations_of_a_file_are_those_of_its_words(trocar, tmp_path, monkeypatch, written, line):
+    found = []
+
+    def stop(folder, conditions, *rest):
+        found.extend(conditions)
+        raise Seen
+
+    monkeypatch.setattr("trocar.cli.learn.worked", stop)
+    path = written('task = "peg-transfer"\nmethod = "best"\nepisodes = 3\n')
+    code, _, err = trocar("study", *line.replace("FILE", str(path)).split(), "--seed", 4, "--out", tmp_path / "out")
+    assert code == 70 and "Seen" in err
+    config = found[0].config
+    assert (config.task.name, config.method, config.sessions, config.seed) == ("peg-transfer", "best", 3, 4)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from trocar import console
 from trocar.console import Watch
 from trocar.console.lobby import Lobby
 from trocar.eval.folder import load_trials
-from trocar.view.console_view import Said, Wish
+from trocar.view.wishes import Said, Wish
 
 SHORT = ("peg-transfer", "--transfers", "1", "--seed", "3")
 

@@ -33,17 +33,3 @@ def test_each_episode_is_a_session_of_its_own_and_what_is_there_is_kept(command)
     (code, out, _), _ = command("--episodes", 3, "--command-noise", 1)
     assert code == 0 and json.loads(out)["episodes"] == 3
     assert {file: file.stat().st_mtime_ns for file in files} == written
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--failures", "hide"), "--failures 'hide'"),
-        (("--layout", "rlds"), "--layout 'rlds'"),
-        (("--command-noise", 50), "--command-noise"),
-        (("--command-noise", -1), "--command-noise"),
-    ],
-)
-def test_bad_options_are_refused_before_anything_is_made(command, words, says):
-    (code, _, err), folder = command(*words)
-    assert code == 2 and says in err and not folder.exists()

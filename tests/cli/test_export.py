@@ -2,12 +2,11 @@
 
 import csv
 import json
-import re
 from dataclasses import replace
 
 import pytest
 
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.eval.folder import open_folder
 from trocar.eval.trial import trial_file
 
@@ -23,10 +22,9 @@ def run(tmp_path):
     """A run of three trials of which one is there, one is of another run, and one is damaged."""
     folder = tmp_path / "run"
     open_folder(RUN, folder)
-    (folder / "session_00").mkdir()
-    short(synthetic_trial(RUN, 0)).save(trial_file(folder, 0, 0))
-    short(synthetic_trial(config(seed=5), 1)).save(trial_file(folder, 0, 1))
-    trial_file(folder, 0, 2).write_bytes(trial_file(folder, 0, 0).read_bytes()[:500])
+    whole = keep(short(synthetic_trial(RUN, 0)), folder)
+    keep(short(synthetic_trial(config(seed=5), 1)), folder)
+    trial_file(folder, 0, 2).write_bytes(whole.read_bytes()[:500])
     return folder
 
 
@@ -76,22 +74,6 @@ def test_a_trial_becomes_a_recording_of_messages(trocar, run, tmp_path):
     assert code == 0 and "arms with commands and measurements: /PSM1, /PSM2" in out
 
 
-@pytest.mark.parametrize(
-    ("what", "words", "said"),
-    [
-        ("nowhere", (), "folder .* does not exist"),
-        ("nowhere.npz", (), "does not exist; give another"),
-        ("run/run.json", (), "is not a trial; give the folder of a run, or a file such as trial_000.npz"),
-        ("run", ("--format", "xlsx"), "format 'xlsx' is unknown; choose one of csv, parquet, mcap, lerobot"),
-    ],
-)
-def test_what_cannot_be_exported_is_one_sentence(trocar, run, tmp_path, what, words, said):
-    code, out, err = trocar("export", tmp_path / what, "--out", tmp_path / "tables", *words)
-    assert (code, out) == (2, "")
-    assert not (tmp_path / "tables").exists()
-    assert re.search(said, err)
-
-
 def test_a_data_set_for_learning_is_written_with_the_layout_that_is_asked_for(trocar, run, tmp_path):
     code, out, err = trocar("export", run, "--format", "lerobot", "--out", tmp_path / "a", "--json")
     said = json.loads(out)
@@ -105,17 +87,3 @@ def test_a_data_set_for_learning_is_written_with_the_layout_that_is_asked_for(tr
     assert info["codebase_version"] == "v2.1" and "truth.joints" in info["features"]
     listed = json.loads((tmp_path / "b" / "meta" / "episodes.jsonl").read_text())
     assert listed["commanded"] is True and listed["success"] is True
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--layout", "open-h"), "--layout is not for --format csv; drop it, or give --format lerobot"),
-        (("--truth", "--format", "mcap"), "--truth is not for --format mcap"),
-        (("--successes",), "--successes is not for --format csv"),
-        (("--format", "lerobot", "--layout", "rlds"), "--layout 'rlds'"),
-    ],
-)
-def test_options_of_data_sets_need_their_format(trocar, run, tmp_path, words, says):
-    code, _, err = trocar("export", run, "--out", tmp_path / "out", *words)
-    assert code == 2 and says in err and not (tmp_path / "out").exists()

@@ -71,20 +71,6 @@ def test_a_name_that_is_taken_is_told_with_the_file(said, text, words):
         assert f"plugin 'mine.py' is refused, line 2: {words}" in said(COMMANDS[command], text)
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("run {flag} my-task", "task 'my-task' is unknown; choose one of debridement, peg-transfer, suture"),
-        ("run peg-transfer {flag} --method mine", "peg-transfer method 'mine' is unknown; choose one of calibrated"),
-        ("run peg-transfer {flag} --planner mine", "planner 'mine' is unknown; choose one of spline"),
-        ("run peg-transfer {flag} --model mine", "cable model 'mine' is unknown; choose one of offset"),
-        ("plan transfer four.npy {flag} --planner mine", "planner 'mine' is unknown; choose one of spline"),
-    ],
-)
-def test_after_a_file_that_registers_nothing_its_name_is_unknown(said, line, words):
-    assert words in said(line, "VALUE = 1\n")
-
-
 def test_several_files_may_be_given_and_are_loaded_in_order(trocar, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.save("four.npy", FOUR)
@@ -154,34 +140,6 @@ def test_a_run_knows_its_plugins_wherever_they_stand_in_the_line(trocar, played,
     plugin.write_text("VALUE = 2\n")
     code, _, err = trocar(*run, "--trials", "2")
     assert code == 2 and "holds another run (other plugins)" in err
-
-
-@pytest.mark.parametrize(
-    ("body", "said"),
-    [
-        (
-            "TASKS.register('my-task', 3)",
-            "task 'my-task' is 3; register a frozen dataclass derived from trocar.eval.Task",
-        ),
-        (
-            "class Mine(Task): pass\nTASKS.register('my-task', Mine)",
-            "register a frozen dataclass derived from trocar.eval.Task",
-        ),
-        (
-            "@dataclass(frozen=True)\nclass Mine(Task):\n    name, about = 'my-task', 'knots'\n"
-            "TASKS.register('my-task', Mine)",
-            "task Mine has no station, methods, budget_s; give its class these attributes",
-        ),
-        ("TASKS.register(5, Task)", "a task is registered as 5; give it a name"),
-    ],
-)
-def test_what_a_task_lacks_is_said_before_anything_runs(trocar, tmp_path, monkeypatch, body, said):
-    monkeypatch.chdir(tmp_path)
-    head = "from dataclasses import dataclass\nfrom trocar.eval import TASKS, Task\n"
-    (tmp_path / "mine.py").write_text(head + body + "\n")
-    code, _, err = trocar("run", "--plugin", "mine.py", "my-task")
-    assert code == 2 and said in " ".join(err.split()) and "Traceback" not in err
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_quiet_run_still_tells_what_an_agent_raised(trocar, tmp_path, monkeypatch):

@@ -5,9 +5,8 @@ import json
 import pytest
 
 from pages import assert_fit_to_show
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.eval.folder import load_trials, open_folder
-from trocar.eval.trial import trial_file
 
 RUN = config(seed=3, sessions=2)
 
@@ -18,9 +17,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     open_folder(RUN, folder)
     for session, failures in enumerate(({}, {1: "DROPPED"})):
-        path = trial_file(folder, session, 0)
-        path.parent.mkdir(exist_ok=True)
-        synthetic_trial(RUN, failures=failures, session=session).save(path)
+        keep(synthetic_trial(RUN, failures=failures, session=session), folder)
     return folder
 
 
@@ -46,7 +43,7 @@ def test_it_lies_beside_the_trial_and_what_is_of_the_run_stays(folder, trocar):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("--session", 1, "--trial", 7), "has no trial 7 of session 1"),
+        (("--session", 1, "--trial", 7), "no trial 7 of session 1; choose one of --session 0 --trial 0, --session 1"),
         (("--session", 1), "--session 1 is given without --trial"),
     ],
 )
@@ -56,8 +53,7 @@ def test_a_trial_that_is_not_there_is_one_sentence(folder, trocar, words, named)
 
 
 def test_a_trial_of_another_run_is_refused(folder, trocar):
-    path = trial_file(folder, 0, 3)
-    synthetic_trial(config(seed=9), index=3).save(path)
+    path = keep(synthetic_trial(config(seed=9), index=3), folder)
     try:
         code, _, err = trocar("report", folder, "--trial", 3)
     finally:

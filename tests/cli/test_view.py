@@ -4,7 +4,7 @@ import urllib.request
 
 import pytest
 
-from synthetic import config, synthetic_trial
+from synthetic import config, keep, synthetic_trial
 from trocar.eval.trial import Trial, trial_file
 
 pytest.importorskip("viser")
@@ -19,9 +19,7 @@ def run(tmp_path_factory):
     """The folder of a run with three trials of two sessions."""
     folder = tmp_path_factory.mktemp("run")
     for session, index in ((0, 0), (0, 3), (1, 2)):
-        path = trial_file(folder, session, index)
-        path.parent.mkdir(exist_ok=True)
-        synthetic_trial(config(), index, session=session).save(path)
+        keep(synthetic_trial(config(), index, session=session), folder)
     return folder
 
 
@@ -64,9 +62,3 @@ def test_no_browser_is_opened_if_not_wanted(trocar, run, served, loaded):
     assert trocar("view", run, "--port", "0", "--no-open")[0] == 0
     assert loaded == [trial_file(run, 0, 0)]
     assert served["opened"] == []
-
-
-def test_a_trial_that_is_not_there_is_told(trocar, run, served):
-    code, _, err = trocar("view", run, "--trial", "1")
-    choices = "--session 0 --trial 0, --session 0 --trial 3, --session 1 --trial 2"
-    assert (code, err) == (2, f"trocar: {str(run)!r} has no trial 1 of session 0; choose one of {choices}\n")

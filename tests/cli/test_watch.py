@@ -15,7 +15,7 @@ from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.view.console_view import Level, Said, Wish
+from trocar.view.wishes import Level, Said, Wish
 
 SHORT, POLICY = ("--transfers", "1"), "builtins:repr"
 
@@ -148,10 +148,7 @@ def test_a_run_that_stands_ends_with_the_process_of_its_page(how):
 
 
 def test_latencies_are_printed_though_an_emergency_stop_ends_the_run(capsys):
-    with (
-        pytest.raises(EmergencyStop),
-        opened_console("nothing", 1.0, None) as console,
-    ):
+    with pytest.raises(EmergencyStop), opened_console("nothing", 1.0, None) as console:
         console.latencies_s += [0.010, 0.030]
         raise EmergencyStop("pressed")
     assert "p50 20 ms" in "".join(capsys.readouterr())

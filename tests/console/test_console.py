@@ -19,7 +19,7 @@ from trocar.robots import ArmGuard, Guarded
 from trocar.robots.concurrency import cause_of
 from trocar.robots.supervised import Vetoed
 from trocar.sim.laboratory import SimClock
-from trocar.view.console_view import Held, Level, Said, Wish
+from trocar.view.wishes import Held, Level, Said, Wish
 
 GOAL = HOME + np.array([0.4, 0.3, -0.05, 0.8, 0.5, -0.6])
 MOTION = rest_to_rest(HOME, GOAL, PAPER).stretched(2.0)

@@ -9,7 +9,7 @@ from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.view.console_view import Said, Wish
+from trocar.view.wishes import Said, Wish
 
 WHOLE_S = 8.0
 """A time before the end of each of these trials."""

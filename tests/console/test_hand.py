@@ -11,7 +11,7 @@ from trocar.geometry import SE3
 from trocar.log import CellLog
 from trocar.robots import ArmGuard, Guarded
 from trocar.sim.laboratory import SimClock
-from trocar.view.console_view import KEYS, Held, Step
+from trocar.view.wishes import KEYS, Held, Step
 
 MM = 1e-3
 STILL = np.array([1.0, 0.0, 0.0, 0.0])

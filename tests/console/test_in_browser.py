@@ -20,7 +20,7 @@ from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
 from trocar.tasks.peg_transfer.task import PegTransfer
-from trocar.view.console_view import Level, Said, Wish
+from trocar.view.wishes import Level, Said, Wish
 
 pytestmark = [
     pytest.mark.realtime,

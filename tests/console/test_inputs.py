@@ -9,7 +9,7 @@ import pytest
 
 from trocar.console.inputs import Inputs, wishes_of
 from trocar.errors import InvalidInput
-from trocar.view.console_view import Wish
+from trocar.view.wishes import Wish
 
 ARMS = {"psm1": {"position": [0.0, 0.0, 0.1]}}
 HOLD = {"arm": "psm1", "held": True, "position": [0.1, 0.2, 0.3], "quaternion": [0, 0, 1, 0], "scale": 0.5, "jaw": 0.4}

@@ -3,7 +3,7 @@
 import pytest
 
 from trocar.console.lobby import Lobby
-from trocar.view.console_view import Level, Said, Wish
+from trocar.view.wishes import Level, Said, Wish
 
 
 def lobby(**how):

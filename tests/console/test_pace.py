@@ -7,7 +7,7 @@ import trio
 
 from trocar.console import Console
 from trocar.robots import TICK_S
-from trocar.view.console_view import Said, Wish
+from trocar.view.wishes import Said, Wish
 
 LONG_S, MANY = 0.5, 50
 

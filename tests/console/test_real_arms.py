@@ -14,7 +14,7 @@ from trocar.hardware import HardwareLaboratory
 from trocar.hardware.arm import LoopSettings
 from trocar.lab import load_station
 from trocar.motion import rest_to_rest
-from trocar.view.console_view import Held, Level, Said, Wish
+from trocar.view.wishes import Held, Level, Said, Wish
 
 pytestmark = pytest.mark.realtime
 STATION = load_station("peg-transfer")

@@ -30,15 +30,13 @@ def bus(monkeypatch):
     return bus
 
 
-def connected(bus, names, positions, jaws=True):
+def connected(bus, names=PSM_JOINTS, positions=Q, jaws=True, state=("ENABLED", True, False)):
     """Return the connection of an arm whose controller has just published once."""
     said = {f"/PSM1/{what}": (names, positions) for what in ("measured_js", "setpoint_js")}
     said |= {f"/PSM1/jaw/{what}": (["jaw"], [0.3]) for what in ("measured_js", "setpoint_js") if jaws}
     for topic in ("/PSM1/servo_jp", "/PSM1/jaw/servo_jp"):
         bus.subscriber(topic, JointState)
-    bus.publisher("/PSM1/operating_state", OperatingState, latched=True).send(
-        OperatingState(stamped(), "ENABLED", True, False)
-    )
+    bus.publisher("/PSM1/operating_state", OperatingState, latched=True).send(OperatingState(stamped(), *state))
     for topic, (named, at) in said.items():  # latched, so that they are there when the arm looks
         bus.publisher(topic, JointState, latched=True).send(JointState(stamped(), list(named), list(at)))
     return CrtkArm("psm1", Topics())
@@ -47,13 +45,26 @@ def connected(bus, names, positions, jaws=True):
 def test_a_psm_without_an_instrument_is_told_to_have_none_although_its_jaws_publish_nothing(bus):
     names = [*PSM_JOINTS[:3], "disc_1", "disc_2", "disc_3", "disc_4"]
     for jaws in (False, True):
-        with pytest.raises(InvalidInput, match="CRTK arm 'psm1' has no instrument; insert one"):
+        with pytest.raises(InvalidInput, match="has no instrument; insert one, and wait until it is engaged"):
             connected(bus, names, [0.0] * 7, jaws)
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        (("DISABLED", True, False), "is DISABLED, homed; enable and home it at its console"),
+        (("ENABLED", False, False), "is ENABLED, not homed; enable and home it at its console"),
+        (("ENABLED", True, True), "is busy: a person or its controller moves it; let go of its clutch"),
+    ],
+)
+def test_an_arm_that_is_not_enabled_homed_and_idle_is_not_connected(bus, state, said):
+    with pytest.raises(InvalidInput, match=f"CRTK arm 'psm1' {said}"):
+        connected(bus, state=state)
 
 
 def test_jaws_that_publish_nothing_are_told_with_their_topics(bus):
     with pytest.raises(InvalidInput, match="publishes no /PSM1/jaw/measured_js and no /PSM1/jaw/setpoint_js within"):
-        connected(bus, PSM_JOINTS, Q, jaws=False)
+        connected(bus, jaws=False)
 
 
 def test_joints_named_as_before_dvrk_2_3_are_read_in_their_order(bus):
@@ -62,7 +73,7 @@ def test_joints_named_as_before_dvrk_2_3_are_read_in_their_order(bus):
 
 
 def test_the_joint_that_its_controller_holds_elsewhere_is_named_with_its_own_distance_and_unit(bus):
-    arm = connected(bus, PSM_JOINTS, Q)
+    arm = connected(bus)
     arm.commanded()
     arm._last = Q + [0.004, 0, 0.001, 0, 0, 0]  # only the insertion is beyond what a controller may be off
     arm._setpoint.at_s = arm._jaw_setpoint.at_s = time.monotonic() + 60.0

@@ -15,16 +15,14 @@ pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from crtk_partners import DOMAIN, said
 from crtk_partners import served as serving
-from trocar.arms import MotionLimits, fk
+from trocar.arms import MotionLimits
 from trocar.cli.crtk import doctor
 from trocar.crtk.arm import CrtkArm
 from trocar.crtk.bus import open_bus, stamped
-from trocar.crtk.convert import pose_of, transform_of
 from trocar.crtk.doctor import Verdict, examine_arm
 from trocar.crtk.listening import Listener, listen
 from trocar.crtk.messages import Empty, JointState, OperatingState, PoseStamped, StringStamped
 from trocar.errors import InvalidInput
-from trocar.geometry import SE3
 from trocar.hardware import HardwareLaboratory
 from trocar.hardware.arm import LoopSettings
 from trocar.lab import load_station
@@ -160,23 +158,6 @@ def test_a_jump_is_followed_within_the_limits_and_noted(served, client):
     assert event["arm"] == "psm1" and event["share"] == pytest.approx(0.5 / (ARM.limits.velocity[0] * 0.01), rel=1e-3)
 
 
-def test_poses_are_those_of_the_joints_in_the_frames_that_they_name(client):
-    q, model = client.q("measured_js"), ARM.model
-    local = transform_of(client.last("local/measured_cp").pose)
-    assert np.abs(local.matrix - fk(model, q).matrix).max() < 1e-9
-    T_world_tip = transform_of(client.last("measured_cp").pose)
-    assert np.linalg.norm((T_world_tip @ local.inverse()).translation_m - ARM.T_world_base.translation_m) < 0.01
-
-
-def test_move_cp_goes_there_and_is_busy_meanwhile(client):
-    here = transform_of(client.last("measured_cp").pose)
-    goal = SE3.from_parts(here.rotation, here.translation_m + [0.01, 0.0, 0.01])
-    client.out["move_cp"].send(PoseStamped(stamped(), pose_of(goal)))
-    client.until(lambda: client.came["operating_state"].last.is_busy)
-    client.until(lambda: not client.came["operating_state"].last.is_busy)
-    assert np.abs(transform_of(client.last("measured_cp").pose).matrix - goal.matrix).max() < 1e-6
-
-
 def test_hold_stops_a_motion_half_way(client):
     start = client.q()
     client.out["move_jp"].send(JointState(stamped(), [], (start + [0.4, 0, 0, 0, 0, 0]).tolist()))
@@ -199,15 +180,3 @@ def test_a_paused_arm_obeys_nothing_until_it_is_resumed_and_refuses_words_out_of
     client.until(lambda: client.came["operating_state"].last.state == "ENABLED")
     refused = [event["reason"] for event in said(served)["events"] if event["name"] == "refused"]
     assert refused == ["'enable' does nothing when PAUSED", "'dance' does nothing when PAUSED"]
-
-
-def test_jaws_open(client):
-    client.out["jaw/move_jp"].send(JointState(stamped(), ["jaw"], [0.8]))
-    client.until(lambda: client.last("jaw/measured_js").position[0] > 0.75)  # their cable takes up some of it
-
-
-def test_an_arm_that_nobody_serves_is_said_with_its_topics(bus):
-    with pytest.raises(
-        InvalidInput, match=re.escape("publishes no /NOBODY/operating_state and no /NOBODY/measured_js")
-    ):
-        CrtkArm("nobody", TOPICS)

@@ -39,7 +39,7 @@ def tape():
         return 1.7e9 + laboratory.now_s()
 
     patched = pytest.MonkeyPatch()
-    simulated = SimpleNamespace(time_ns=lambda: int(now_s() * 1e9), time=now_s)
+    simulated = SimpleNamespace(time_ns=lambda: int(now_s() * 1e9), time=now_s, perf_counter=now_s)
     for module in (bus_module, server_module, served_arm):
         patched.setattr(module, "time", simulated)
     server, sources = CrtkServer(laboratory, TOPICS, bus=bus), {}

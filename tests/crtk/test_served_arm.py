@@ -7,7 +7,9 @@ import trio
 pytest.importorskip("cyclonedds", reason="the extra 'crtk' is not installed")
 
 from memory_bus import MemoryBus
-from trocar.crtk.messages import Empty, JointState
+from trocar.arms import fk
+from trocar.crtk.convert import pose_of
+from trocar.crtk.messages import Empty, JointState, PoseStamped
 from trocar.crtk.server import CrtkServer
 from trocar.lab import load_station
 from trocar.lab.laboratory import build_cell
@@ -49,6 +51,13 @@ def test_an_arm_that_is_told_to_move_is_busy_and_arrives():
     laboratory, operating = after(1.0, move_jp=FAR)
     assert np.abs(laboratory.driver.setpoint("psm1").q - FAR.position).max() < 1e-9
     assert operating == ("ENABLED", True, False)
+
+
+def test_an_arm_that_is_told_a_pose_has_its_tip_there_in_the_registered_world():
+    base = build_cell(STATION, seed=1).session.T_world_base_registered["psm1"]
+    goal = pose_of(base @ fk(STATION.arms["psm1"].model, np.array(FAR.position)))
+    laboratory, _ = after(1.0, move_cp=PoseStamped(pose=goal))
+    assert np.abs(laboratory.driver.setpoint("psm1").q - FAR.position).max() < 1e-9
 
 
 @pytest.mark.parametrize(

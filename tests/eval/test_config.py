@@ -58,10 +58,8 @@ def test_numbers_have_bounds_that_are_allowed_themselves(least, beyond, words):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "uncalibrated", "model": "ridge"}, "--model ridge has no effect with --method uncalibrated"),
         ({"method": "uncalibrated", "calibration": "joints"}, "--calibration joints has no effect"),
         ({"method": "uncalibrated", "new_session": True}, "--new-session mounts the instruments again after a"),
-        ({"method": "uncalibrated", "refit_offsets": True}, "--refit-offsets has no model to refit"),
         ({"method": "uncalibrated", "prior": "fleet"}, "--prior fleet has no play model that could start from it"),
         ({"method": "adaptive", "calibration": "joints"}, "--calibration joints has no effect"),
         ({"method": "adaptive", "model": "ridge"}, "--method adaptive learns model 'play', not 'ridge'"),
@@ -76,12 +74,6 @@ def test_an_option_that_would_have_no_effect_is_refused(options, words):
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
-        ({"station": "kitchen"}, "station 'kitchen' is unknown; choose one of peg-transfer"),
-        ({"station": "suture"}, "station 'suture' has no fixture 'board', which peg-transfer needs"),
-        ({"method": "magic"}, "peg-transfer method 'magic' is unknown; choose one of calibrated, uncalibrated"),
-        ({"model": "oracle"}, "cable model 'oracle' is unknown.*play"),
-        ({"planner": "dice"}, "planner 'dice' is unknown; choose one of spline"),
-        ({"perception": "dreams"}, "peg-transfer perception 'dreams' is unknown; choose one of depth"),
         ({"calibration": "guesses"}, "calibration 'guesses' is unknown; choose one of images, joints"),
         ({"plugins": ("nowhere.py",)}, "plugin 'nowhere.py' is not a Python file"),
         ({"prior": "no_such_file.npz"}, "no_such_file.npz' does not exist"),

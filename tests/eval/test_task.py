@@ -64,6 +64,7 @@ class Whole(Knitting):
     [
         (Knitter, "task 'x' is .*; register a frozen dataclass derived from"),
         (Knitting(), "task 'x' is .*; register a frozen dataclass derived from"),
+        (type("Bare", (Task,), {}), "task 'x' is .*; register a frozen dataclass derived from"),
         (Nameless, "task Nameless has no name, methods; give its class these attributes"),
         (Endless, "task Endless has no budget_s; give its class these attributes"),
         (Knitting, r"task Knitting has no goals\(\), scene\(\), world\(\), score\(\); give its class these methods"),

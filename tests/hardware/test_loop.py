@@ -9,7 +9,7 @@ from trocar.cell import MotionEnd
 from trocar.errors import ArmMoving, InvalidInput, StartMismatch
 from trocar.hardware.arm import ArmFault, DrivenArm, Fault, HardwareReading, LoopSettings
 from trocar.hardware.loop import HardwareLoop
-from trocar.hardware.messages import Clear, Close, EmergencyStop, Jaw, Reason, Start, Stop
+from trocar.hardware.messages import Clear, Close, Emergency, Jaw, Reason, Start, Stop
 from trocar.motion import move_to, rest_to_rest
 from trocar.testing.hardware import PLANTED, FaultyArm
 
@@ -87,8 +87,7 @@ def test_a_motion_is_sent_as_it_was_planned():
 
 
 @pytest.mark.parametrize(
-    ("plant", "fault"),
-    [(plant, fault) for plant, fault in PLANTED.items() if plant not in ("send raises", "stall")],
+    ("plant", "fault"), [(plant, fault) for plant, fault in PLANTED.items() if plant not in ("send raises", "stall")]
 )
 def test_a_faulty_arm_brakes_within_its_limits_and_names_the_fault(plant, fault):
     bench = on_its_way(0, plant)
@@ -173,7 +172,7 @@ def test_the_end_of_the_scripts_process_stops_all_arms_and_closes_them():
 
 def test_the_emergency_stop_lasts_until_it_is_cleared():
     bench = on_its_way(30, names=("a", "b"))
-    bench.say(EmergencyStop("pressed"))
+    bench.say(Emergency("pressed"))
     assert bench.until_over(1).cause.fault is Fault.EMERGENCY
     bench.say(Start(2, {"b": there()}))
     assert bench.until_over(2).cause.fault is Fault.EMERGENCY
@@ -330,7 +329,7 @@ class InParts(EchoArm):
         self.jaw = jaw_rad
 
 
-@pytest.mark.parametrize("stop", [None, Stop(("a",), MotionEnd.HELD, Reason(7)), EmergencyStop("now")])
+@pytest.mark.parametrize("stop", [None, Stop(("a",), MotionEnd.HELD, Reason(7)), Emergency("now")])
 def test_motions_wait_for_an_arm_that_takes_set_points_in_parts_and_nothing_is_left_to_come_when_it_stops(stop):
     bench = Bench(names=("a", "b"))
     part = InParts()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from trocar.errors import InvalidInput, UnknownName
+from trocar.errors import InvalidInput
 from trocar.eval.config import RunConfig
 from trocar.eval.method import make_task
 from trocar.eval.objects import WatchedObjects
@@ -166,5 +166,3 @@ def test_a_task_without_objects_says_so():
     load_plugin("examples/three_dots.py")
     with pytest.raises(InvalidInput, match="'objects' is nothing in this task"):
         CellEnv("dots", observation=("state", "objects"))
-    with pytest.raises(UnknownName, match="observation 'sounds'"):
-        CellEnv("dots", observation="sounds")

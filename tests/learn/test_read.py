@@ -87,10 +87,7 @@ def test_a_data_set_without_states_has_none(folder):
             lambda t: with_column(t, ACTION, pa.array([[float("nan")] * 8] * 91)),
             "has a 'action' that is not finite in frame 0",
         ),
-        (
-            lambda t: with_column(t, ACTION, pa.array([[0.0] * 7] * 91)),
-            "'action' that is not 8 numbers a frame",
-        ),
+        (lambda t: with_column(t, ACTION, pa.array([[0.0] * 7] * 91)), "'action' that is not 8 numbers a frame"),
         (lambda t: with_column(t, ACTION, pa.array(["x"] * 91)), "'action' that is not 8 numbers a frame"),
     ],
 )

@@ -2,7 +2,8 @@
 
 import json
 import math
-from dataclasses import dataclass, fields
+from contextlib import ExitStack
+from dataclasses import fields
 
 import pytest
 from typer.testing import CliRunner
@@ -12,17 +13,8 @@ from synthetic import unmarked
 from trocar.cell import Outcome
 from trocar.cli import app
 from trocar.errors import TrocarError
-from trocar.eval import (
-    TASKS,
-    Method,
-    TaskReport,
-    in_words,
-    methods_of,
-    perceptions_of,
-    pick_method,
-)
+from trocar.eval import TASKS, TaskReport, in_words, methods_of, perceptions_of, pick_method
 from trocar.eval.config import RunConfig
-from trocar.eval.method import METHODS
 from trocar.eval.prepare import prepare
 from trocar.eval.run import run_trial
 from trocar.eval.trial import Trial
@@ -81,36 +73,16 @@ def test_its_settings_have_units_in_their_names(name):
 # What comes of doing nothing.
 
 
-@dataclass(frozen=True)
-class Idle:
-    """Settings of nobody."""
-
-    wait_s: float = 0.5
-
-
-class Idler:
-    """An agent that waits."""
-
-    def __init__(self, context):
-        self.context = context
-
-    async def run(self):
-        await self.context.cell.clock.sleep(self.context.settings.wait_s)
-
-
 @pytest.fixture(scope="module")
 def idle(tmp_path_factory):
     """A trial of each task in which nothing was done, by a method from outside."""
     found = {}
-    for name in TASKS:
-        perception = next(iter(TASKS[name].perceptions), "")
-        METHODS.register(f"{name}/idle", Method("nothing at all", Idler, Idle, perception=perception))
-        config = RunConfig(TASKS[name](), method="idle", seed=5)
-        folder = tmp_path_factory.mktemp(name)
-        found[name] = run_trial(config, prepare(config, 0, folder), 0), folder
-    yield found
-    for name in TASKS:
-        METHODS.forget(f"{name}/idle")
+    with ExitStack() as registered:
+        for name, kind in TASKS.items():
+            config = RunConfig(kind(), method=registered.enter_context(checks.idle_method(kind)), seed=5)
+            folder = tmp_path_factory.mktemp(name)
+            found[name] = run_trial(config, prepare(config, 0, folder), 0), folder
+        yield found
 
 
 @EVERY_TASK

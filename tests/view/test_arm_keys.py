@@ -9,7 +9,8 @@ from visitor import busy, visitor_of
 
 from trocar.geometry import SO3
 from trocar.view.arm_keys import as_seen
-from trocar.view.console_view import KEYS, ConsoleView, Step, Wish
+from trocar.view.console_view import ConsoleView
+from trocar.view.wishes import KEYS, Step, Wish
 
 TIP = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 

@@ -7,7 +7,8 @@ pytest.importorskip("viser")
 from live_scene import MadeUpScene, console_moment
 from visitor import busy, visitor_of
 
-from trocar.view.console_view import ConsoleView, Level, Wish
+from trocar.view.console_view import ConsoleView
+from trocar.view.wishes import Level, Wish
 
 AT_REST = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 

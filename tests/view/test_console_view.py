@@ -12,8 +12,9 @@ from live_scene import REPLAY, MadeUpScene, console_moment, until
 
 from trocar.arms import ARMS, fk
 from trocar.geometry import SE3
-from trocar.view.console_view import ConsoleView, Ghost, Level, Wish
+from trocar.view.console_view import ConsoleView, Ghost
 from trocar.view.pulse import EVERY_S
+from trocar.view.wishes import Level, Wish
 
 pytestmark = pytest.mark.skipif(
     find_chromium() is None, reason=f"no Chromium found ({', '.join(NAMES)}): the page is not looked at"

@@ -138,7 +138,7 @@ def opened_console(confirm: str, speed: float, devices: int | None, *, opens: bo
         raise InvalidValue("--speed", speed, "give a number above 0, or 0 for no limit")
     need("view")
     from trocar.console import Watch  # the simulator is heavy
-    from trocar.view.console_view import Level
+    from trocar.view.wishes import Level
 
     levels = {NOTHING: Level.AUTONOMOUS, "goals": Level.GOALS, "motions": Level.MOTIONS}
     if confirm not in levels:

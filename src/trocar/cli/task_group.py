@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -53,7 +53,7 @@ class TaskGroup(Group):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the content of ``--config FILE`` before the words of the line, load its plugins, and parse it."""
-        args = _expanded(args)
+        args = _expanded(args, self.members)
         load_given(args)
         return super().parse_args(ctx, args)
 
@@ -144,10 +144,10 @@ def _parameter(
     return inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _expanded(args: Sequence[str]) -> list[str]:
+def _expanded(args: Sequence[str], members: Container[str]) -> list[str]:
     """Return a line with ``--config FILE`` replaced by the file's content: its options come before the line's own.
 
-    A task on the line counts, not the file's.
+    A task on the line counts, not the file's. To one of the ``members``, which are no tasks, the file is passed on.
     """
     words: list[str] = []
     task: list[str] = []
@@ -168,6 +168,8 @@ def _expanded(args: Sequence[str]) -> list[str]:
         at += 1 if "=" in words[at] else 2
     if at < len(words) and not words[at].startswith("-"):
         task, words = words[: at + 1], words[at + 1 :]
+        if path and task[-1] in members:
+            return [*task, CONFIG, path, *words]
     if options and not task:
         raise BadFile(path, "names no task", 'give one, as task = "peg-transfer", or on the line', kind=CONFIG)
     return [*task, *options, *words]

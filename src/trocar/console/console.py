@@ -19,8 +19,9 @@ from trocar.errors import EmergencyStop, InvalidInput
 from trocar.robots import TICK_S
 from trocar.robots.supervised import StoppedByPerson, Supervised, Vetoed
 from trocar.trajectory import Trajectory
-from trocar.view.console_view import Level, Said, Standing, Wish
+from trocar.view.console_view import Standing
 from trocar.view.live import BAD, GOOD, WAITS
+from trocar.view.wishes import Level, Said, Wish
 
 POLL_S = 0.01
 """Interval at which the page is polled while the clock is paused."""

@@ -15,7 +15,7 @@ from trocar.learn.control import ABSOLUTE, Answer, Control
 from trocar.robots import TICK_S
 from trocar.robots.retrace import apart, retraced
 from trocar.trajectory import Trajectory
-from trocar.view.console_view import Held, Step
+from trocar.view.wishes import Held, Step
 
 RATE_HZ = 50.0
 """Set-points per second."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from trocar.errors import InvalidInput, InvalidValue
-from trocar.view.console_view import Held, Said, Wish
+from trocar.view.wishes import Held, Said, Wish
 
 LOCAL = "127.0.0.1"
 WISHES = {

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from trocar.view.console_view import Level, Said, Standing, Wish
+from trocar.view.console_view import Standing
 from trocar.view.live import BAD, WAITS
+from trocar.view.wishes import Level, Said, Wish
 
 
 @dataclass(eq=False)

@@ -24,9 +24,10 @@ from trocar.perception.depth import project
 from trocar.perception.image import RgbdImage
 from trocar.replay import painted
 from trocar.sim.laboratory import SimLaboratory
-from trocar.view.console_view import ConsoleMoment, ConsoleView, Level, Said, Wish
+from trocar.view.console_view import ConsoleMoment, ConsoleView
 from trocar.view.live import Picture
 from trocar.view.live_page import LivePage
+from trocar.view.wishes import Level, Said, Wish
 
 EVERY_S = 0.03
 """Wall-clock time between two moments: three ticks in real time."""

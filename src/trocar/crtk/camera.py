@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
 from enum import Enum
 
 import trio
@@ -61,14 +60,14 @@ class CrtkCamera:
         model: its lens or lenses, as registered.
         topics: where it is found: ``color/image_raw`` and ``depth/image_raw`` (in the colours' pixels), or
             ``left/image_raw`` and ``right/image_raw``.
-        now_s: the cell's clock.
 
     Raises:
         InvalidInput: it publishes no ``camera_info``, or one with another image size.
     """
 
-    def __init__(self, name: str, model: CameraModel, topics: Topics, now_s: Callable[[], float] = time.monotonic):
-        self._name, self.now_s, self._topic = name, now_s, topics.of_camera(name)
+    def __init__(self, name: str, model: CameraModel, topics: Topics):
+        self._name, self._topic = name, topics.of_camera(name)
+        self.now_s = time.monotonic  # until it belongs to a cell, whose clock counts then
         self.model, self.taken = model, list[Taken]()
         bus, parts = open_bus(topics), parts_of(model)
         self._parts = [bus.subscriber(f"{self._topic}/{part}/image_raw", Image, kept=KEPT) for part in parts]

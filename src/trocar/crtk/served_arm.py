@@ -14,16 +14,7 @@ from numpy.typing import NDArray
 from trocar.arms import ArmModel, ik, limit_violations
 from trocar.crtk.bus import Bus, Subscriber
 from trocar.crtk.convert import seconds, transform_of
-from trocar.crtk.messages import (
-    EFFORTS,
-    Bool,
-    Empty,
-    Float64,
-    JointState,
-    PoseStamped,
-    StringStamped,
-    Time,
-)
+from trocar.crtk.messages import EFFORTS, Bool, Empty, Float64, JointState, PoseStamped, StringStamped, Time
 from trocar.crtk.reports import ArmTopics
 from trocar.crtk.servo import SetPoints
 from trocar.errors import InvalidInput, InvalidValue, TrocarError

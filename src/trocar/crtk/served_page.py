@@ -37,7 +37,6 @@ class ServedPage:
         topics: namespaces, and the network on which images come.
         title: of the page.
         colours: of bodies, for people, by the beginning of their names.
-        port: as ``LiveView`` takes it.
     """
 
     def __init__(
@@ -47,7 +46,6 @@ class ServedPage:
         topics: Topics,
         title: str,
         colours: Mapping[str, tuple[float, float, float]],
-        port: int = 8080,
     ):
         self._sight, self._served, self._topics = SimSight(laboratory), served, topics
         self._refusals: dict[str, str] = {}
@@ -56,7 +54,7 @@ class ServedPage:
         images = {
             name: f"{topics.of_camera(name)}/{parts_of(camera.model)[0]}" for name, camera in laboratory.cameras.items()
         }
-        self._page = LivePage(scenery, title, self._moment(), port, partial(heard_images, topics, images))
+        self._page = LivePage(scenery, title, self._moment(), listen=partial(heard_images, topics, images))
 
     def __enter__(self) -> ServedPage:
         self._page.__enter__()

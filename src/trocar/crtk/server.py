@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
+import numpy as np
 import scipy.interpolate  # noqa: F401  # else the first motion would wait for it for a third of a second
 import trio
 
 from trocar.cell import Cell
 from trocar.crtk.access import AccessBus, default_allowed
-from trocar.crtk.bus import Bus, open_bus
+from trocar.crtk.bus import Bus, open_bus, stamped
 from trocar.crtk.faults import Fault, FaultyBus
-from trocar.crtk.periods import Periods
+from trocar.crtk.messages import IntervalStatistics
 from trocar.crtk.served_arm import ServedArm
 from trocar.lab.topics import Topics
 from trocar.robots import TICK_S
@@ -26,6 +28,9 @@ come from the future."""
 
 MAX_LATE_S = 0.1
 """After a longer stop, the ticks' time jumps to the machine's; after a shorter one, the ticks catch up."""
+
+TOLD_S = 1.0
+"""How often it is told how regularly the ticks come."""
 
 
 class CrtkServer:
@@ -92,3 +97,46 @@ class CrtkServer:
                         arm.hear(nursery, self._now_s)
                         arm.tell(self._now_s)
                 await cell.clock.sleep(TICK_S)
+
+
+class Periods:
+    """Publishes statistics of each second's ticks on ``period_statistics`` of each arm, as a dVRK does.
+
+    Args:
+        bus: where to publish.
+        topics: the arms' namespaces.
+    """
+
+    def __init__(self, bus: Bus, topics: Sequence[str]):
+        self._out = [bus.publisher(f"{topic}/period_statistics", IntervalStatistics) for topic in topics]
+        self._last_s: float | None = None
+        self._usual_s = float("inf")
+        self._ticks: list[tuple[float, float]] = []
+
+    @contextmanager
+    def tick(self) -> Iterator[None]:
+        """Measure the period of a tick, and the time that the block takes."""
+        began_s = time.perf_counter()
+        yield
+        if self._last_s is not None:
+            self._ticks.append((began_s - self._last_s, time.perf_counter() - began_s))
+        self._last_s = began_s
+        if sum(period_s for period_s, _ in self._ticks) >= TOLD_S:
+            self._tell(np.array(self._ticks))
+            self._ticks.clear()
+
+    def _tell(self, ticks: np.ndarray) -> None:
+        """Publish the mean, deviation and range of periods and computing times, (n, 2), s."""
+        figures = np.stack([ticks.mean(axis=0), ticks.std(axis=0), ticks.min(axis=0), ticks.max(axis=0)], axis=1)
+        overruns = int((ticks[:, 1] > self._usual_s).sum())
+        self._usual_s = figures[0, 0]
+        told = IntervalStatistics(
+            stamped(),
+            *figures.ravel().tolist(),
+            number_of_samples=len(ticks),
+            number_of_overruns=overruns,
+            statistics_interval=float(ticks[:, 0].sum()),
+        )
+        for out in self._out:
+            if out.readers():
+                out.send(told)

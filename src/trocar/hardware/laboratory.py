@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Self
 
+import numpy as np
 import trio
+from numpy.typing import NDArray
 
-from trocar.cell import Camera, Cell, Result
+from trocar.cell import Camera, Cell, Result, Robot
 from trocar.errors import UnknownName
 from trocar.geometry import SE3
 from trocar.hardware.arm import Connect, DrivenArm, LoopSettings
-from trocar.hardware.record import HardwareRecord
+from trocar.hardware.messages import Report
 from trocar.hardware.robot import HardwareRobot
 from trocar.lab import Station, StationArm, StationCamera
 from trocar.log import CellLog
 from trocar.robots import ArmGuard, Guarded, JointEstimator
 from trocar.robots.concurrency import cause_of
+from trocar.robots.driver import TICK_S
 
 
 class WallClock:
@@ -48,6 +52,54 @@ def registered(thing: StationArm | StationCamera) -> SE3:
     if isinstance(thing, StationArm):
         return thing.T_world_base if thing.T_world_base_registered is None else thing.T_world_base_registered
     return thing.T_world_camera if thing.T_world_camera_registered is None else thing.T_world_camera_registered
+
+
+class HardwareRecord:
+    """What was requested of real arms, sent to them, and read from them: one row per tick of the loop.
+
+    The true joints of real arms are not known.
+
+    Attributes:
+        asked_of: the outermost robot, whose set-points are what the script requested.
+    """
+
+    def __init__(self, arms: Sequence[str]):
+        self.asked_of: Robot | None = None
+        self._times: list[float] = []
+        self._rows: dict[str, list[NDArray[np.float64]]] = {name: [] for name in arms}
+
+    def take(self, report: Report) -> None:
+        """Add the row of a tick."""
+        if self.asked_of is None:
+            return
+        self._times.append(report.time_s)
+        for name, arm in report.arms.items():
+            asked = self.asked_of.setpoint(name).q
+            reading = arm.reading
+            self._rows[name].append(np.concatenate([asked, arm.sent[6:], arm.sent, reading.q, [reading.jaw_rad]]))
+
+    def arrays(self, origin_s: float, lead_s: float) -> dict[str, NDArray[np.float64]]:
+        """Return (n, 7) ``desired_ARM``, ``commanded_ARM`` and ``measured_ARM`` at 100 Hz: joints and jaw.
+
+        A row has what was last sent and read by its time, so late ticks leave no gap. The last row has the last report.
+
+        Args:
+            origin_s: the machine's monotonic clock at the first row.
+            lead_s: how far the requested set-points are ahead of those sent.
+        """
+        times_s = np.array(self._times) - origin_s
+        if not len(times_s):
+            kinds = ("desired", "commanded", "measured")
+            return {f"{kind}_{name}": np.zeros((0, 7)) for kind in kinds for name in self._rows}
+        grid_s = TICK_S * np.arange(math.ceil(max(times_s[-1], 0.0) / TICK_S - 1e-9) + 1)
+        now = np.clip(np.searchsorted(times_s, grid_s, side="right") - 1, 0, None)
+        asked = np.clip(np.searchsorted(times_s + lead_s, grid_s, side="right") - 1, 0, None)
+        found = {}
+        for name, rows in self._rows.items():
+            table = np.array(rows)
+            found[f"desired_{name}"] = np.column_stack([table[asked, :6], table[now, 6]])
+            found[f"commanded_{name}"], found[f"measured_{name}"] = table[now, 7:14], table[now, 14:]
+        return found
 
 
 class HardwareLaboratory:

@@ -18,16 +18,8 @@ from numpy.typing import NDArray
 
 from trocar.cell import JointReading, MotionEnd
 from trocar.errors import ArmMoving, StartMismatch, TrocarError
-from trocar.hardware.arm import (
-    PASSING,
-    ArmFault,
-    Connect,
-    DrivenArm,
-    Fault,
-    HardwareArm,
-    LoopSettings,
-)
-from trocar.hardware.messages import ArmReport, Clear, Close, EmergencyStop, Jaw, Report, Start, Stop
+from trocar.hardware.arm import PASSING, ArmFault, Connect, DrivenArm, Fault, HardwareArm, LoopSettings
+from trocar.hardware.messages import ArmReport, Clear, Close, Emergency, Jaw, Report, Start, Stop
 from trocar.robots.driver import Completion, Driver
 from trocar.robots.executor import Ending
 
@@ -138,7 +130,7 @@ class HardwareLoop:
                     self._start_jaw(said)
                 case Stop():
                     self._stop(said.arms or tuple(self._arms), said.ended, said.reason)
-                case EmergencyStop():
+                case Emergency():
                     self._fault_all(Fault.EMERGENCY, said.detail)
                 case Clear():
                     self._clear(said.arms or tuple(self._arms))

@@ -55,7 +55,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class EmergencyStop:
+class Emergency:
     """Bring all arms to rest; none moves until its fault is cleared."""
 
     detail: str = ""

@@ -17,7 +17,7 @@ from trocar.cell import JointReading, MotionEnd, MotionResult, SetPoint
 from trocar.errors import ArmMoving, InvalidInput, TrocarError, UnknownName
 from trocar.hardware.arm import PASSING, ArmFault, Connect, DrivenArm, Fault, LoopSettings
 from trocar.hardware.jobs import Job, Jobs
-from trocar.hardware.messages import Alive, ArmReport, Clear, Close, EmergencyStop, Jaw, Report, Start, Stop
+from trocar.hardware.messages import Alive, ArmReport, Clear, Close, Emergency, Jaw, Report, Start, Stop
 from trocar.hardware.process import serve
 from trocar.robots.driver import JAW_REST_S
 from trocar.trajectory import Trajectory
@@ -259,7 +259,7 @@ class HardwareRobot:
 
     def emergency_stop(self, reason: str = "") -> None:
         """Brake every arm; none moves again until its faults are cleared."""
-        self._send(EmergencyStop(reason))
+        self._send(Emergency(reason))
 
     def clear_faults(self, *arms: str) -> None:
         """Let these arms, or all, move again after a fault; an arm whose connection failed has to be connected anew."""

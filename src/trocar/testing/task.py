@@ -177,7 +177,7 @@ def check_score(kind: type[Task]) -> None:
 def check_trial(kind: type[Task]) -> None:
     """Check a trial in which an agent does nothing: it is scored, saved, read back, and reported on."""
     subject = _subject(kind)
-    with tempfile.TemporaryDirectory() as place, _idle_method(kind) as method:
+    with tempfile.TemporaryDirectory() as place, idle_method(kind) as method:
         folder = Path(place)
         config = RunConfig(kind(), method=method, seed=5)
         trial = run_trial(config, prepare(config, 0, folder), 0)
@@ -213,8 +213,8 @@ class IdleAgent:
 
 
 @contextmanager
-def _idle_method(kind: type[Task]) -> Iterator[str]:
-    """Register a method that does nothing, and the task if it is not registered, for a while."""
+def idle_method(kind: type[Task]) -> Iterator[str]:
+    """Register a task's method that does nothing, and the task if it is not registered, for a while."""
     unregistered, name = kind.name not in TASKS, f"{kind.name}/idle"
     if unregistered:
         TASKS.register(kind.name, kind)

@@ -18,13 +18,7 @@ from trocar.log import CellLog
 from trocar.motion import rest_to_rest
 from trocar.robots.coordinator import Coordinator
 from trocar.tasks.debridement.agents.adjusted import StepEnded
-from trocar.tasks.debridement.agents.motions import (
-    MotionProblems,
-    MotionRunner,
-    NoMotion,
-    TipGoal,
-    near_another_arm,
-)
+from trocar.tasks.debridement.agents.motions import MotionProblems, MotionRunner, NoMotion, TipGoal, near_another_arm
 from trocar.tasks.debridement.agents.settings import best, paper
 from trocar.tasks.debridement.goals import Workspace
 

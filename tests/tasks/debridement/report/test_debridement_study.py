@@ -75,11 +75,3 @@ def test_the_report_alone_is_made_from_what_is_there(trocar, made):
     for said in ("Table I, one arm, paper: 4 trials in 4 sessions", "24 of 24", "One arm against two", "2.00 [2.00"):
         assert said in out
     assert json.loads(trocar(*words, "--json")[1])["study"] == "debridement"
-
-
-@pytest.mark.parametrize(
-    ("words", "said"), [(("--arms", "3"), "choose one of 1, 2"), (("--fragments", "0"), "give 1 to 12")]
-)
-def test_bad_input_is_one_sentence(trocar, tmp_path, words, said):
-    code, out, err = trocar(*STUDY, *words, "--out", tmp_path / "study")
-    assert (code, out) == (2, "") and said in err and err.count("\n") == 1

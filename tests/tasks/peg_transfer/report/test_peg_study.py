@@ -141,19 +141,3 @@ def test_the_report_alone_is_made_from_what_is_there(trocar, tmp_path):
     for said in ("Table II", "24 of 24", "12 of 24", "paper: surgeon", "H1 to H4", "raw data", "of the cell: recorded"):
         assert said in out
     assert "of available" not in out and "of available" in (tmp_path / "report.html").read_text()
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--variants", "sideways"), "--variants 'sideways' is unknown; choose one of unilateral"),
-        (("--methods", "magic"), "--methods 'magic' is unknown; choose one of calibrated"),
-        (("--jobs", "0"), "--jobs is '0'"),
-        (("--backend", "ray"), "processes, dask"),
-        (("--sessions", "0"), "give 1 or more"),
-        (("--report-only",), "does not exist; give that of a study with --out"),
-    ],
-)
-def test_bad_input_is_one_sentence(trocar, tmp_path, words, said):
-    code, out, err = trocar(*STUDY, *words, "--out", tmp_path / "study")
-    assert (code, out) == (2, "") and said in err and err.count("\n") == 1

@@ -112,11 +112,7 @@ def unseen_suture():
 def test_the_way_in_is_travelled_and_the_needle_is_driven_at_their_own_speeds(unseen_suture):
     begins = {event["step"]: event["time_s"] for event in named(unseen_suture, "step")}
     motions = [span for span in unseen_suture.log.spans if span.name == "motion"]
-    speeds = {
-        "lower": FREE_M_S["lower"],
-        "penetrate": UNSEEN.driving_speed_m_s,
-        "rotate": UNSEEN.driving_speed_m_s,
-    }
+    speeds = {"lower": FREE_M_S["lower"], "penetrate": UNSEEN.driving_speed_m_s, "rotate": UNSEEN.driving_speed_m_s}
     for piece, then in pairwise(suture_segments(GOALS[0])):
         if piece.name in speeds:
             last = [m for m in motions if begins[piece.name] <= m.start_s < begins[then.name] - 1e-6][-1]

@@ -82,23 +82,3 @@ def test_settings_are_kept_while_others_are_searched(trocar):
     line = "plan setup --free center_x_mm --evaluations 96 --set base_up_mm=110 --json"
     found = json.loads(trocar(line)[1])
     assert "--set base_up_mm=110" in found["command"]
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("--free foo", "center_x_mm"),
-        ("--bound circle_radius_mm=25", "NAME=LOW:HIGH"),
-        ("--bound circle_radius_mm=-5:20", "circle radius is -5 mm"),
-        ("--bound base_tilt_deg=0:nan", "base_tilt_deg is bounded by 0 and nan"),
-        ("--bound center_x_mm=-600:0", "-600 mm"),
-        ("--arm hand", "raven2-left"),
-        ("--out /dev/null/x", "cannot be made"),
-        ("--seed -1", "--seed is '-1'"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_code_2(trocar, line, words):
-    code, out, err = trocar(f"plan setup {line}")
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1
-    assert words in err

@@ -132,30 +132,6 @@ def test_the_json_holds_the_setup_that_was_asked_for(answer):
     assert np.array(setup["circle"]["T_world_circle"])[:3, 3] == pytest.approx([0.005, 0.0, 0.002])
 
 
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("--preset magic", "default, paper-demo"),
-        ("--forbid 10", "FROM:TO"),
-        ("--set center_x_mm=nan", "center_x_mm is 'nan'"),
-        ("--set center_x_mm=600", "give -500 to 500 mm"),
-        ("--fix nan", "fixed positions"),
-        ("--joint-weights 1,2", "give three numbers as R,P,Y"),
-        ("--joint-weights 0,0,0", "not all 0"),
-        ("--caution 1", "needs the variance of recorded sutures"),
-        ("--preset paper-demo --gap 60:", "let theta_is be middle"),
-        ("--search even --gap 60:", "give --search gaps"),
-        ("--out /dev/null/x", "cannot be made"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_code_2(plan, line, words):
-    code, out, err = plan(f"{line} --json")
-    assert (code, out) == (2, "")
-    assert err.startswith("trocar: ")
-    assert err.count("\n") == 1
-    assert words in err
-
-
 def test_the_table_tells_the_room_of_each_joint_of_the_wrist_in_its_unit(answer, plan):
     found, out = answer("--count 1"), plan("--count 1")[1]
     assert "1 suture by psm-classic" in out

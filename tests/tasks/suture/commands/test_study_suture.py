@@ -47,21 +47,3 @@ def test_demonstrations_give_the_manipulability_of_both_arms(study):
     assert "synthetic" in recorded["manipulability_source"]
     assert recorded["lambda_sweep"]["best_theta_deg"] != surrogate["lambda_sweep"]["best_theta_deg"]
     assert recorded["switches_deg"] == surrogate["switches_deg"], "the margin alone decides directions"
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("--preset magic", "paper-demo"),
-        ("--positions 90", "multiple of 4"),
-        ("--demonstrations nowhere", "nowhere"),
-        ("--out {file}", "is a file"),
-        ("--out {file}/x", "cannot be made"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_code_2(study, tmp_path, line, words):
-    (tmp_path / "file").write_text("")
-    code, out, err = study(line.format(file=tmp_path / "file"))
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1
-    assert words in err

@@ -9,13 +9,7 @@ from trocar.arms import ARMS, fk, frames
 from trocar.arms.solids import capsules
 from trocar.geometry import SE3
 from trocar.tasks.suture.planning import DIRECTIONS, PRESETS, Suture, suture_joints, with_settings
-from trocar.tasks.suture.planning.clearance import (
-    APART_M,
-    JAW_OPEN_RAD,
-    OFF_WALL_M,
-    above_tissue_m,
-    fingers_above_m,
-)
+from trocar.tasks.suture.planning.clearance import APART_M, JAW_OPEN_RAD, OFF_WALL_M, above_tissue_m, fingers_above_m
 from trocar.tasks.suture.planning.primitive import jaws_above_m, path_samples
 
 THETAS = np.radians(np.arange(0.0, 360.0, 30.0))

@@ -13,14 +13,7 @@ from trocar.geometry.capsules import capsule_distances_m
 from trocar.lab import load_station
 from trocar.tasks.suture.planning import PRESETS, handover
 from trocar.tasks.suture.planning.clearance import APART_M, JAW_OPEN_RAD
-from trocar.tasks.suture.planning.handover import (
-    FACES,
-    OTHERWISE_RAD,
-    Holder,
-    handover_places,
-    plan_handovers,
-    taking,
-)
+from trocar.tasks.suture.planning.handover import FACES, OTHERWISE_RAD, Holder, handover_places, plan_handovers, taking
 from trocar.tasks.suture.planning.primitive import grasp_pose
 from trocar.tasks.suture.planning.pull import HOLDING_RAD, ROOM_RAD, out_segments, room_rad
 from trocar.tasks.suture.planning.two_arms import SecondArm, plan_two_arms

@@ -13,13 +13,7 @@ from trocar.errors import BadFile, TrocarError
 from trocar.tasks.suture.needle import NEEDLES
 from trocar.tasks.suture.planning import MARGINS, PRESETS, Preset, Reward
 from trocar.tasks.suture.planning.parameters import SEARCHED, with_parameters
-from trocar.tasks.suture.planning.settings import (
-    preset_of,
-    setting_of,
-    settings_between,
-    setup_file,
-    with_settings,
-)
+from trocar.tasks.suture.planning.settings import preset_of, setting_of, settings_between, setup_file, with_settings
 
 DEFAULT, DEMO = PRESETS["default"], PRESETS["paper-demo"]
 

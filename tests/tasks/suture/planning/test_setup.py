@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.tasks.suture.planning import (
-    Circle,
-    Insertion,
-    Needle,
-    NeedleGrasp,
-    SutureSetup,
-    base_beside,
-)
+from trocar.tasks.suture.planning import Circle, Insertion, Needle, NeedleGrasp, SutureSetup, base_beside
 
 
 def test_the_instrument_of_a_tilted_base_points_at_the_origin():
