@@ -100,7 +100,8 @@ def finish(folder: Path, as_json: bool, interrupted: bool, place: tuple[int, int
             f"task {task!r} is unknown here, so its own pictures and figures are left out; add --plugin FILE"
         )
     strange += kept_pictures(into)
-    summary, files = write_report(folder, trials, strange, into)
+    with progress() as tick:
+        summary, files = write_report(folder, trials, strange, into, tick)
     if as_json:
         Result(summary).show(as_json)
     else:
@@ -156,7 +157,7 @@ def _show(
     if interrupted:
         console.print(f"stopped; {counted(len(trials), 'finished trial')} kept; run the same command to continue")
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
-    for replay in (file for file in files if file.name == "replay.html"):
+    for replay in [file for file in files if file.name == "replay.html"][:1]:
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
     for trial in errors:
         console.print(_stop_of(trial), soft_wrap=True)
