@@ -32,10 +32,7 @@ from trocar.report.tables import (
     where_of,
 )
 
-
-BESIDE = (
-    "<p class=quiet>Beside another run, session by session: <code>trocar open</code> with the folder of both.</p>"
-)
+BESIDE = "<p class=quiet>Beside another run, session by session: <code>trocar open</code> with the folder of both.</p>"
 
 
 def names_of(about: Mapping[str, Any]) -> str:
