@@ -45,6 +45,7 @@ def test_it_lies_beside_the_trial_and_what_is_of_the_run_stays(folder, trocar):
     [
         (("--session", 1, "--trial", 7), "no trial 7 of session 1; choose one of --session 0 --trial 0, --session 1"),
         (("--session", 1), "--session 1 is given without --trial"),
+        (("--camera", "left"), "--camera left is given without --mp4"),
     ],
 )
 def test_a_trial_that_is_not_there_is_one_sentence(folder, trocar, words, named):
@@ -59,3 +60,22 @@ def test_a_trial_of_another_run_is_refused(folder, trocar):
     finally:
         path.unlink()
     assert code == 2 and "is not a trial of this run" in " ".join(err.split())
+
+
+def test_a_film_of_a_camera_lies_beside_its_trial_and_a_wrong_camera_is_told_at_once(
+    folder, trocar, unpictured, monkeypatch
+):
+    pytest.importorskip("av")
+    filmed = []
+    monkeypatch.setattr(
+        "trocar.report.video.film_camera", lambda images, duration_s, path, tick: filmed.append((duration_s, path))
+    )
+    code, _, err = trocar("report", folder, "--mp4", "--camera", "overhead")
+    assert code == 2 and "camera 'overhead' is unknown; the trial has no camera images" in " ".join(err.split())
+    assert not (folder / "report.html").exists(), "told before anything is drawn"
+    monkeypatch.setattr("trocar.report.video.images_of", lambda trial, camera: [trial.about["session"], camera])
+    words = ("--session", 1, "--trial", 0, "--mp4", "--camera", "overhead")
+    code, _, err = trocar("report", folder, *words)
+    path = folder / "session_01" / "trial_000" / "video_overhead.mp4"
+    assert code == 0 and str(path) in "".join(err.split()), err
+    assert filmed == [(60.0, path)]

@@ -54,8 +54,8 @@ def test_it_has_a_heading_for_all_that_a_reader_looks_for(run):
     _, page, _ = run
     assert [text for level, text in page.headings if level == 2] == [
         "Beside the paper",
-        "Transfers",
         "Failures",
+        "Transfers",
         "Replay",
         "Pictures",
         "Time",
@@ -82,7 +82,7 @@ def test_every_failure_is_named_and_those_of_any_trial_have_pictures_of_all_kind
     assert all((folder / "failed" / image["title"]).stat().st_size > 1000 for image in shown)
     assert "transfer 2 (peg" in shown[0]["alt"] and "dropped" in shown[0]["alt"]
     assert "not grasped 2" in page.text.replace("  ", " ") and "the block left the jaws before its target" in page.text
-    assert "1 more failure without a picture here: session 1, trial 0, transfer 6 (peg" in page.text
+    assert "1 more failure without a picture here." in page.text
 
 
 def test_each_goal_and_each_trial_has_a_row(run):

@@ -43,30 +43,59 @@ def report(
     mp4: Annotated[
         bool, Option("--mp4", help="Also make video.mp4, the whole trial at its own speed; needs trocar[lerobot].")
     ] = False,
+    camera: Annotated[
+        str | None,
+        Option(
+            metavar="NAME",
+            help="Film what this camera saw instead of the scene: its images, each until the next one; with --mp4.",
+            show_default="the scene",
+        ),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
+    """Write summary, pictures, replays and an HTML page from saved trials; nothing is recomputed."""
     if trial is None and session:
         raise InvalidInput(f"--session {session}", "is given without --trial", "add --trial K")
+    if camera is not None and not mp4:
+        raise InvalidInput(f"--camera {camera}", "is given without --mp4", "add --mp4")
     if mp4:
         require_encoder()
     place = None if trial is None else (session, trial)
+    if camera is not None:
+        from trocar.report.video import images_of  # SciPy only when needed
+
+        images_of(_filmed(folder, place), camera)  # a wrong name is told before anything is drawn
     finish(folder, as_json, interrupted=False, place=place)
-    for name, asked in (("video.webp", video), ("video.mp4", mp4)):
-        if asked:
-            _draw_video(folder, place, name)
+    if video:
+        _draw_video(folder, place, "video.webp")
+    if mp4:
+        _draw_video(folder, place, f"video_{camera}.mp4" if camera else "video.mp4", camera)
 
 
-def _draw_video(folder: Path, place: tuple[int, int] | None, name: str) -> None:
+def _filmed(folder: Path, place: tuple[int, int] | None) -> Trial:
+    """Return the trial at a place of a run, or the first one."""
     from trocar.eval.folder import load_trials
-    from trocar.eval.trial import Trial, trial_file
-    from trocar.report.files import report_of
-    from trocar.report.video import draw_video
+    from trocar.eval.trial import Trial
 
-    trial = Trial.load(trial_file(folder, *place)) if place else load_trials(folder)[0][0]
-    path = (trial_file(folder, *place).with_suffix("") if place else folder) / name
-    with progress() as tick:
-        draw_video(trial, path, report_of(trial), lambda done, total: tick(f"frames of {name}", done, total))
+    return Trial.load(trial_in(folder, *place)) if place else load_trials(folder)[0][0]
+
+
+def _draw_video(folder: Path, place: tuple[int, int] | None, name: str, camera: str | None = None) -> None:
+    """Write a video of the scene, or of what a camera saw."""
+    from trocar.report.files import report_of
+    from trocar.report.video import draw_video, film_camera, images_of
+
+    trial = _filmed(folder, place)
+    path = (trial_in(folder, *place).with_suffix("") if place else folder) / name
+    with progress() as show:
+
+        def tick(done: int, total: int) -> None:
+            show(f"frames of {name}", done, total)
+
+        if camera:
+            film_camera(images_of(trial, camera), trial.duration_s, path, tick)
+        else:
+            draw_video(trial, path, report_of(trial), tick)
     beside().print(f"video: {path}", soft_wrap=True)
 
 
@@ -100,7 +129,8 @@ def finish(folder: Path, as_json: bool, interrupted: bool, place: tuple[int, int
             f"task {task!r} is unknown here, so its own pictures and figures are left out; add --plugin FILE"
         )
     strange += kept_pictures(into)
-    summary, files = write_report(folder, trials, strange, into)
+    with progress() as tick:
+        summary, files = write_report(folder, trials, strange, into, tick)
     if as_json:
         Result(summary).show(as_json)
     else:
@@ -156,7 +186,7 @@ def _show(
     if interrupted:
         console.print(f"stopped; {counted(len(trials), 'finished trial')} kept; run the same command to continue")
     console.print("files: " + ", ".join(str(file) for file in files), soft_wrap=True)
-    for replay in (file for file in files if file.name == "replay.html"):
+    for replay in [file for file in files if file.name == "replay.html"][:1]:
         console.print(f"watch it: open {replay} in any browser", soft_wrap=True)
     for trial in errors:
         console.print(_stop_of(trial), soft_wrap=True)

@@ -7,24 +7,34 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+from trocar.counting import Tick, untold
 from trocar.eval import TASKS, Task, TaskReport
 from trocar.eval.folder import requested
-from trocar.eval.trial import Trial
+from trocar.eval.trial import Trial, trial_file
 from trocar.eval.trials import noted
 from trocar.extras import how_to_install
 from trocar.files.output import make_folder, write_json
 from trocar.registry import loaded
 from trocar.replay import Replay, painted
+from trocar.report.failures import (
+    REPLAY,
+    Failed,
+    Moments,
+    failed_goals,
+    moments_of,
+    of_moment,
+    picked,
+    place_of,
+    stopped,
+)
 from trocar.report.page import Captioned
-from trocar.report.run_page import command_of, names_of, place_of, write_page
+from trocar.report.run_page import command_of, names_of, write_page
 from trocar.report.stills import (
     MOST_FAILED,
     can_photograph,
     draw_failed,
     draw_storyboard,
-    failed_goals,
     photographer_of,
-    picked,
 )
 from trocar.report.summary import Summary, summarise
 from trocar.report.timechart import draw_timechart
@@ -45,15 +55,23 @@ def task_report(task: Task | type[Task]) -> TaskReport:
 
 
 def write_report(
-    folder: str | Path, trials: Sequence[Trial], strange: Sequence[str] = (), into: str | Path | None = None
+    folder: str | Path,
+    trials: Sequence[Trial],
+    strange: Sequence[str] = (),
+    into: str | Path | None = None,
+    tick: Tick = untold,
 ) -> tuple[Summary, list[Path]]:
-    """Write summary, pictures, replay and page of a run's trials; return the summary and the files' paths.
+    """Write summary, pictures, replays and page of a run's trials; return the summary and the files' paths.
+
+    The first trial's replay lies beside the page. Those of at most ``MOST_REPLAYS`` other trials, in which something
+    failed, lie in the folders that ``trocar report --session --trial`` makes.
 
     Args:
         folder: of the run.
         trials: the finished ones, or those to report on.
         strange: sentences on unexpected files in the folder.
         into: folder for the files; None: the run's.
+        tick: is told which replay is being made.
     """
     run, folder = Path(folder), Path(folder if into is None else into)
     report, first = report_of(trials[0]), trials[0]
@@ -67,10 +85,7 @@ def write_report(
     failed = failed_goals(notes, report)
     shown = [] if blind else picked(failed, MOST_FAILED)
     failed_pictures = draw_failed(folder / "failed", trials, shown, report, can_photograph())
-    if find_spec("viser") is not None:
-        from trocar.view.replay import write_replay  # an extra
-
-        files.append(write_replay(shown_replay(first, report), folder / "replay.html"))
+    replays, moments = _played(folder, trials, notes, failed, report, tick)
     page = write_page(
         folder / "report.html",
         summary,
@@ -78,6 +93,7 @@ def write_report(
         report,
         failed=failed,
         failed_pictures=failed_pictures,
+        moments=moments,
         storyboard=storyboard,
         timechart=timechart,
         notes=report.notes(trials),
@@ -85,7 +101,44 @@ def write_report(
         command=command_of(first.about, *(requested(run) or _there(notes))),
     )
     drawn = [shown.path for shown in (*storyboard, *([timechart] if timechart else []), *failed_pictures)]
-    return summary, [*files, *drawn, page]
+    return summary, [*files, *replays, *drawn, page]
+
+
+MOST_REPLAYS = 10
+"""Maximum number of trials with failures, besides the first trial, whose replays a report makes."""
+
+
+def _played(
+    folder: Path,
+    trials: Sequence[Trial],
+    notes: Sequence[Trial],
+    failed: Sequence[Failed],
+    report: TaskReport,
+    tick: Tick,
+) -> tuple[list[Path], Moments]:
+    """Write the replays of the first trial and of some with failures; return them, and where each failure is played.
+
+    Failures are also played in replays that were there before.
+    """
+    places = [(trial.about["session"], trial.about["index"]) for trial in notes]
+    folders = [folder, *(trial_file(folder, *place).with_suffix("") for place in places[1:])]
+    failing = dict.fromkeys([*stopped(notes), *(one.place for one in picked(failed, MOST_FAILED))])
+    chosen = [0, *[number for number in failing if number][:MOST_REPLAYS]] if find_spec("viser") is not None else []
+    for done, number in enumerate(chosen):
+        from trocar.view.replay import write_replay  # an extra
+
+        tick("replays", done, len(chosen))
+        write_replay(shown_replay(trials[number], report), make_folder(folders[number]) / REPLAY)
+
+    def read(number: int) -> Trial:
+        return (trials if (folders[number] / REPLAY).is_file() else notes)[number]
+
+    def address(number: int, goal: int | None, at_s: float) -> str:
+        del goal
+        there = (folders[number] / REPLAY).is_file()
+        return (folders[number].relative_to(folder) / of_moment(at_s)).as_posix() if there else ""
+
+    return [folders[number] / REPLAY for number in chosen], moments_of(notes, failed, report, read, address)
 
 
 def shown_replay(trial: Trial, report: TaskReport) -> Replay:

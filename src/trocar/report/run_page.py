@@ -17,8 +17,8 @@ from trocar.eval.trial import Trial
 from trocar.files.output import write_text
 from trocar.lab.flaws import DEFAULT, HARSH, HARSHER, MILD, RECORDED
 from trocar.lab.station_file import built_in_stations, station_digest
+from trocar.report.failures import REPLAY, Failed, Moments, failures_list, place_of
 from trocar.report.page import Captioned, bullets, document, paragraph, picture, section, table
-from trocar.report.stills import Failed
 from trocar.report.summary import MISSED_WARNING
 from trocar.report.tables import (
     failures_table,
@@ -32,17 +32,12 @@ from trocar.report.tables import (
     where_of,
 )
 
-REPLAY = "replay.html"
+BESIDE = "<p class=quiet>Beside another run, session by session: <code>trocar open</code> with the folder of both.</p>"
 
 
 def names_of(about: Mapping[str, Any]) -> str:
     """Return task, variant and method of a run, as far as they are known; ``about``: its summary, or a trial's."""
     return ", ".join(str(about[key]) for key in ("task", "variant", "method") if about.get(key))
-
-
-def place_of(trial: Trial) -> str:
-    """Return which trial it is, in words."""
-    return f"session {trial.about['session']}, trial {trial.about['index']}"
 
 
 def write_page(
@@ -53,6 +48,7 @@ def write_page(
     *,
     failed: Sequence[Failed],
     failed_pictures: Sequence[Captioned],
+    moments: Moments,
     storyboard: Sequence[Captioned],
     timechart: Captioned | None,
     notes: Sequence[str],
@@ -68,6 +64,7 @@ def write_page(
         report: of their task.
         failed: all goals that were not reached; pictures of some of them.
         failed_pictures: these pictures.
+        moments: where each failure is played, if anywhere.
         storyboard: pictures of the first trial, and others that a task draws.
         timechart: of the first trial; None: its script noted no spans.
         notes: sentences that a reader must know.
@@ -77,12 +74,19 @@ def write_page(
     compared = [run_table(summary, report.paper_rows(summary), report.paper_count(summary)), *report.tables(summary)]
     goals = [goals_table(trials, report), *([trials_table(trials)] if len(trials) > 1 else [])]
     failures = failures_table(summary["failures"], summary["attempted"], summary["goal_noun"], report)
+    rows = failures_list(trials, failed, moments)
     parts_s = table(parts_table(summary)) if summary["parts_s"] else ""
     title = names_of(summary).replace("-", " ")
     sections = {
-        "compared": ("Beside the paper" if len(compared[0].rows) > 1 else "In numbers", map(table, compared)),
+        "compared": (
+            "Beside the paper" if len(compared[0].rows) > 1 else "In numbers",
+            [*map(table, compared), BESIDE],
+        ),
+        "failures": (
+            "Failures",
+            _failures(summary["goal_noun"], table(failures), rows, moments, failed, failed_pictures),
+        ),
         "goals": (f"{summary['goal_noun'].capitalize()}s", map(table, goals)),
-        "failures": ("Failures", _failures(summary["goal_noun"], table(failures), failed, failed_pictures)),
         "replay": ("Replay", _replay(Path(path), place_of(trials[0]))),
         "pictures": ("Pictures", map(picture, storyboard)),
         "time": ("Time", [parts_s, picture(timechart) if timechart else ""]),
@@ -141,17 +145,33 @@ def _warnings(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _failures(noun: str, counts: str, failed: Sequence[Failed], drawn: Sequence[Captioned]) -> list[str]:
-    """Return the failures by name, and a picture of each goal that was not reached."""
-    if not failed:
+def _failures(
+    noun: str,
+    counts: str,
+    rows: str,
+    moments: Moments,
+    failed: Sequence[Failed],
+    drawn: Sequence[Captioned],
+) -> list[str]:
+    """Return the failures by name, a row for each that leads to its moment, and pictures of some."""
+    if not rows:
         return [paragraph(f"No failure: every {noun} that was attempted succeeded.")]
-    stems = {shown.path.stem for shown in drawn}
-    left = [str(one) for one in failed if one.stem not in stems]
-    if not drawn:
-        return [counts]
-    more = f"{counted(len(left), 'more failure')} without a picture here: {', '.join(left)}."
-    pictures = f"<div class=pictures>{''.join(map(picture, drawn))}</div>"
-    return [counts, pictures, paragraph(more, "quiet") if left else ""]
+    played, unplayed = (
+        {place for (place, _), (link, _) in moments.items() if bool(link) is there} for there in (True, False)
+    )
+    more = (
+        f"{counted(len(unplayed), 'more trial')} with failures: <code>trocar report DIR --session S --trial K</code> "
+        "makes the replay of one, and <code>trocar open DIR</code> plays any."
+    )
+    left = len(failed) - len(drawn)
+    pictures = f"<div class=pictures>{''.join(map(picture, drawn))}</div>" if drawn else ""
+    return [
+        counts if failed else "",
+        rows,
+        f"<p class=quiet>{more}</p>" if played and unplayed else "",
+        pictures,
+        paragraph(f"{counted(left, 'more failure')} without a picture here.", "quiet") if drawn and left else "",
+    ]
 
 
 def _replay(path: Path, shown: str) -> list[str]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.util import find_spec
-from itertools import chain, groupby, zip_longest
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InvalidInput
-from trocar.eval import TaskReport, in_words
+from trocar.eval import TaskReport
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.report import style
+from trocar.report.failures import Failed
 from trocar.report.page import Captioned
-from trocar.report.tables import goal_name, reason_of
 
 if TYPE_CHECKING:
     from trocar.sim.offscreen import OffscreenCamera
@@ -69,47 +68,6 @@ def draw_storyboard(
             axes.set_title(f"{number}  {caption}", fontsize=8, fontweight="normal", color=style.INK)
         figure.suptitle(title, x=0.01, ha="left", fontsize=10, fontweight="bold")
     return path
-
-
-@dataclass(frozen=True)
-class Failed:
-    """One goal that was not reached; ``place``: index of its trial among the run's; ``what``: the goal in words."""
-
-    place: int
-    session: int
-    trial: int
-    number: int
-    failure: str
-    what: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"session {self.session}, trial {self.trial}, {self.what}: {in_words(self.failure)}"
-
-    @property
-    def stem(self) -> str:
-        """Return the name of its picture's file."""
-        return f"session_{self.session:02d}_trial_{self.trial:03d}_goal_{self.number + 1:02d}"
-
-
-def failed_goals(trials: Sequence[Trial], report: TaskReport) -> list[Failed]:
-    """Return all goals that were attempted and not reached, in order."""
-    found = []
-    for place, trial in enumerate(trials):
-        session, index = trial.about["session"], trial.about["index"]
-        for number, score in enumerate(trial.scores):
-            if score["attempted"] and not score["succeeded"]:
-                failure, what = str(score["failure"]), goal_name(trial, number, report)
-                found.append(Failed(place, session, index, number, failure, what, reason_of(score, report)))
-    return found
-
-
-def picked(failed: Sequence[Failed], most: int) -> list[Failed]:
-    """Pick at most this many, in turn from each kind of failure; return them in order of trial and goal."""
-    by_name = groupby(sorted(failed, key=lambda one: one.failure), key=lambda one: one.failure)
-    in_turn = chain.from_iterable(zip_longest(*(list(group) for _, group in by_name)))
-    chosen = [one for one in in_turn if one is not None][:most]
-    return sorted(chosen, key=lambda one: (one.place, one.number))
 
 
 def draw_failed(

@@ -1,19 +1,22 @@
-"""Videos of trials, drawn like their pictures: a short animation for a page, and the whole trial for a talk."""
+"""Videos of trials: a short animation for a page, the whole trial for a talk, and what one of its cameras saw."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import io
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
+from trocar.errors import InvalidInput, UnknownName
 from trocar.eval import TaskReport
 from trocar.eval.trial import Trial
 from trocar.files.output import PICTURE, mark_of, writing
 from trocar.files.video import mp4, require_encoder
+from trocar.replay import CameraImage
 from trocar.report.stills import photographer_of
 
 Tick = Callable[[int, int], None]
@@ -41,6 +44,55 @@ def draw_video(trial: Trial, path: str | Path, report: TaskReport, tick: Tick) -
     path = Path(path)
     (_film if path.suffix == ".mp4" else _animation)(trial, path, report, tick)
     return path
+
+
+def images_of(trial: Trial, camera: str) -> list[CameraImage]:
+    """Return the images that a camera took in a trial, in order.
+
+    Raises:
+        UnknownName: the trial has no image of it.
+    """
+    images = trial.replay().images
+    taken = sorted((image for image in images if image.camera == camera), key=lambda image: image.time_s)
+    if not taken:
+        cameras = dict.fromkeys(image.camera for image in images)
+        raise UnknownName("camera", camera, cameras, remedy="" if cameras else "the trial has no camera images")
+    return taken
+
+
+def film_camera(images: Sequence[CameraImage], duration_s: float, path: str | Path, tick: Tick) -> Path:
+    """Write the images of a camera as an MP4 at the trial's own speed, and return the path.
+
+    Each image is shown until the next one was taken; before the first, the film is black.
+
+    Args:
+        images: of one camera, at least one, in order.
+        duration_s: of the trial.
+        path: of the file.
+        tick: called with the number of each frame and how many there are.
+
+    Raises:
+        TrocarError: the encoder is not installed, or an image is damaged.
+    """
+    require_encoder()
+    times_s = _frames_until(duration_s, 1.0 / FPS)
+    places = np.searchsorted([image.time_s for image in images], times_s + 1e-9, side="right") - 1
+    black, shown = np.zeros_like(_decoded(images[0])), None
+    with writing(path, PICTURE) as draft, mp4(draft, black.shape[:2], FPS, OPTIONS, mark_of(PICTURE)) as add:
+        for number, place in enumerate(places.tolist(), start=1):
+            add(None if place == shown else black if place < 0 else _decoded(images[place]))
+            shown = place
+            tick(number, len(places))
+    return Path(path)
+
+
+def _decoded(image: CameraImage) -> NDArray[np.uint8]:
+    try:
+        with Image.open(io.BytesIO(image.encoded)) as file:
+            return _even(np.asarray(file.convert("RGB")))
+    except (UnidentifiedImageError, OSError, ValueError):
+        what = f"the image of camera {image.camera!r} at {image.time_s:.2f} s"
+        raise InvalidInput(what, "is damaged", "run the trial again") from None
 
 
 def _animation(trial: Trial, path: Path, report: TaskReport, tick: Tick) -> None:

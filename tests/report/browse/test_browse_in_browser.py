@@ -8,6 +8,7 @@ import pytest
 from browsed import made_run
 from trocar.eval.folder import load_trials
 from trocar.report.browse import addresses
+from trocar.report.failures import LEAD_S
 from trocar.report.files import report_of, write_report
 
 pytest.importorskip("viser")
@@ -34,7 +35,7 @@ def click(page, begins, leads_to):
 
 def test_three_clicks_lead_from_the_table_to_the_moment_of_a_failure(served, folder):
     trial = load_trials(folder / "day" / "good")[0][1]
-    begin_s = report_of(trial).failed_s(trial, trial.scores[4]) - addresses.LEAD_S
+    begin_s = report_of(trial).failed_s(trial, trial.scores[4]) - LEAD_S
     with browser(1400, 900) as page:
         go(page, served.address)
         click(page, "day/good", "document.querySelector('h1').innerText === 'day/good'")
@@ -75,7 +76,7 @@ def test_on_a_telephone_nothing_is_cut_off_and_the_dark_is_dark(served):
 
 
 def test_a_report_opened_from_its_file_plays_its_replay_and_runs_no_script(tmp_path):
-    run = made_run(tmp_path / "run")
+    run = made_run(tmp_path / "run", {(1, 0): {1: "NOT_GRASPED"}}, sessions=2)
     write_report(run, load_trials(run)[0])
     with browser(1000, 800) as page:
         go(page, (run / addresses.REPORT).as_uri())
@@ -93,3 +94,5 @@ def test_a_report_opened_from_its_file_plays_its_replay_and_runs_no_script(tmp_p
         page.evaluate("document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.ran = 1\">')")
         time.sleep(0.5)
         assert page.evaluate("window.ran") is None, "whatever a file smuggles into the page does nothing"
+        click(page, "transfer 2", "location.pathname.endsWith('/session_01/trial_000/replay.html')")
+        assert 7.9 < page.time_s() < 9.5, "it begins two seconds before the transfer ended"

@@ -14,7 +14,8 @@ from browsed import made_runs
 from synthetic import config, keep, synthetic_trial
 from trocar.eval.folder import load_trials
 from trocar.eval.trial import trial_file
-from trocar.report.browse import BrowseServer, Shelf, addresses
+from trocar.report.browse import BrowseServer, Shelf
+from trocar.report.failures import LEAD_S
 from trocar.report.files import report_of
 
 
@@ -118,7 +119,7 @@ def test_a_trial_s_page_begins_its_replay_before_the_failure_that_was_clicked(ge
     moment_s = report_of(trial).failed_s(trial, trial.scores[4])
     assert 20.0 < moment_s < 25.0, "when the block fell, not when the transfer ended"
     shown = get(failure)
-    assert shown.links["iframe"] == f"replay.html#t={moment_s - addresses.LEAD_S:.2f}"
+    assert shown.links["iframe"] == f"replay.html#t={moment_s - LEAD_S:.2f}"
     assert get(page.links["session 1, trial 0"]).links["iframe"] == shown.links["iframe"], "the first failure"
     assert get(page.links["session 0, trial 0"]).links["iframe"] == "replay.html#t=0.00", "nothing failed"
     assert "transfer 5" in shown.rows[1] and "dropped" in shown.rows[1]
@@ -137,7 +138,7 @@ def test_a_trial_whose_script_was_stopped_says_so_and_is_shown_at_its_end(tmp_pa
         page = Read(pages.page("/runs/day%2Fgood/"))
         assert "agent error division by zero" in " ".join(page.rows[1].split())
         shown = Read(pages.page(page.links["the whole trial"]))
-    assert shown.links["iframe"] == f"replay.html#t={run.duration_s - addresses.LEAD_S:.2f}"
+    assert shown.links["iframe"] == f"replay.html#t={run.duration_s - LEAD_S:.2f}"
     assert "Stopped: division by zero" in shown.text
 
 

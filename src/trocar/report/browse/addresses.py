@@ -1,4 +1,4 @@
-"""Addresses of the pages, which mirror the folders of runs, and of moments in a replay."""
+"""Addresses of the pages, which mirror the folders of runs."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from urllib.parse import quote, urlencode
 from trocar.report.browse.shelf import Run
 
 ALL = "/"
-REPORT, REPLAY = "report.html", "replay.html"
-LEAD_S = 2.0
-"""A replay starts this long before the requested moment, so that the viewer sees what leads to it."""
+REPORT = "report.html"
 
 
 def of_run(run: Run) -> str:
@@ -26,8 +24,3 @@ def of_trial(run: Run, session: int, index: int, goal: int | None = None) -> str
 def of_pair(one: Run, two: Run) -> str:
     """Return the address of two runs side by side."""
     return f"/compare?{urlencode([('run', one.name), ('run', two.name)])}"
-
-
-def of_moment(time_s: float) -> str:
-    """Return the address of a replay that begins shortly before a time, from the page of its trial."""
-    return f"{REPLAY}#t={max(0.0, time_s - LEAD_S):.2f}"

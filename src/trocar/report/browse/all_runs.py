@@ -11,8 +11,9 @@ from urllib.parse import urlencode
 
 from trocar.counting import counted
 from trocar.report.browse import addresses
-from trocar.report.browse.cells import figure_of, flagged, how_many, remarks, success, whole
+from trocar.report.browse.cells import figure_of, how_many, remarks, success, whole
 from trocar.report.browse.shelf import Run
+from trocar.report.failures import flagged
 from trocar.report.page import Column, document, link, listing
 
 MOST = 2

@@ -46,11 +46,6 @@ def missed(trial: Trial) -> bool:
     return not trial.finished or not all(score["succeeded"] for score in trial.scores)
 
 
-def flagged(text: str) -> str:
-    """Return what went wrong, marked as such, in HTML; empty if nothing did."""
-    return f"<span class=bad>{escape(text)}</span>" if text else ""
-
-
 def whole(text: object) -> str:
     """Return text that does not wrap, in HTML; empty if there is none."""
     return f"<span class=whole>{escape(str(text))}</span>" if text else ""

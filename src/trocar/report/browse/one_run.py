@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from html import escape
 
 from trocar.counting import counted
-from trocar.eval import in_words
 from trocar.report.browse import addresses
-from trocar.report.browse.cells import flagged, missed, remarks, success
+from trocar.report.browse.cells import missed, remarks, success
 from trocar.report.browse.shelf import Run
+from trocar.report.failures import failed_goals, failures_list, flagged, moments_of, place_of
 from trocar.report.files import report_of
 from trocar.report.page import Column, document, link, listing, paragraph, section, table
-from trocar.report.run_page import headline_cards, names_of, place_of
-from trocar.report.stills import failed_goals, picked
+from trocar.report.run_page import headline_cards, names_of
 from trocar.report.tables import came_of, failure_counts, failures_table, reached
-
-MOST = 100
-"""Maximum number of failures in the list; of more, some of each kind are shown."""
 
 
 def one_run_page(run: Run, others: Sequence[Run]) -> str:
@@ -42,47 +38,22 @@ def one_run_page(run: Run, others: Sequence[Run]) -> str:
 
 
 def _failures(run: Run) -> str:
-    noun = run.trials[0].goal_noun
-    rows = [*_stopped(run), *_missed(run)]
+    noun, attempted, report = run.trials[0].goal_noun, run.figures["attempted"], report_of(run.trials[0])
+    failed = failed_goals(run.trials, report)
+
+    def address(place: int, number: int | None, at_s: float) -> str:
+        del at_s  # the trial's own page finds it in the whole trial
+        about = run.trials[place].about
+        found = addresses.of_trial(run, about["session"], about["index"], number)
+        return f"{found}?end=1" if number is None else found
+
+    moments = moments_of(run.trials, failed, report, run.trials.__getitem__, address)
+    rows = failures_list(run.trials, failed, moments)
     if not rows:
         return section("failures", "Failures", paragraph(f"None: every {noun} that was attempted succeeded."))
-    columns = (Column("what"), Column("failure"), Column("why"), Column("where"), Column("at s", number=True))
-    failed = sum(score["attempted"] and not score["succeeded"] for trial in run.trials for score in trial.scores)
-    more = f"{counted(failed - MOST, 'more failure')}: in the trials below." if failed > MOST else ""
-    hint = paragraph("A click plays the trial from shortly before the moment of the failure.", "quiet")
-    title = f"Failures: {failed} of {counted(run.figures['attempted'], noun)}"
     counts = failure_counts(score for trial in run.trials for score in trial.scores)
-    kinds = failures_table(counts, run.figures["attempted"], noun, report_of(run.trials[0]))
-    by_kind = table(kinds, compact=True) if len(counts) > 1 else ""
-    return section("failures", title, by_kind, hint, listing(columns, rows), paragraph(more, "quiet") if more else "")
-
-
-def _stopped(run: Run) -> Iterator[list[str]]:
-    """Yield a row for each trial whose script did not finish."""
-    for trial in run.trials:
-        if not trial.finished:
-            address = addresses.of_trial(run, trial.about["session"], trial.about["index"])
-            yield [
-                link(f"{address}?end=1", "the whole trial"),
-                flagged(in_words(trial.ended)),
-                escape(trial.reason),
-                place_of(trial),
-                f"{trial.duration_s:.1f}",
-            ]
-
-
-def _missed(run: Run) -> Iterator[list[str]]:
-    """Yield a row for each goal that was attempted and not reached."""
-    report = report_of(run.trials[0])
-    for one in picked(failed_goals(run.trials, report), MOST):
-        trial = run.trials[one.place]
-        yield [
-            link(addresses.of_trial(run, one.session, one.trial, one.number), one.what),
-            flagged(in_words(one.failure) or "not done"),
-            escape(one.reason),
-            place_of(trial),
-            f"{report.failed_s(trial, trial.scores[one.number]):.1f}",
-        ]
+    by_kind = table(failures_table(counts, attempted, noun, report), compact=True) if len(counts) > 1 else ""
+    return section("failures", f"Failures: {len(failed)} of {counted(attempted, noun)}", by_kind, rows)
 
 
 def _trials(run: Run) -> str:

@@ -12,11 +12,10 @@ from trocar.eval.scenery import contact_of
 from trocar.eval.trial import Trial
 from trocar.extras import how_to_install
 from trocar.report.browse import addresses
-from trocar.report.browse.cells import flagged
 from trocar.report.browse.shelf import Run
+from trocar.report.failures import flagged, of_moment, place_of
 from trocar.report.files import report_of
 from trocar.report.page import Column, document, link, listing, paragraph, section
-from trocar.report.run_page import place_of
 from trocar.report.tables import came_of, goal_name, reached, reason_of
 
 MOST = 200
@@ -84,7 +83,7 @@ def _player(begin_s: float) -> str:
         return paragraph(f"The replay needs viser; {how_to_install('view')}", "warning")
     return (
         "<div class=player><p>The replay is being made: some seconds</p>"
-        f"<iframe name=replay src='{addresses.of_moment(begin_s)}' title='3D replay of the trial'></iframe></div>"
+        f"<iframe name=replay src='{of_moment(begin_s)}' title='3D replay of the trial'></iframe></div>"
     )
 
 
@@ -96,7 +95,7 @@ def _goals(trial: Trial, report: TaskReport, moments_s: Sequence[float]) -> str:
         score = trial.scores[k]
         missed = in_words(str(score["failure"])) or "not attempted"
         result = "done" if score["succeeded"] else flagged(missed)
-        goal = link(addresses.of_moment(moments_s[k]), goal_name(trial, k, report), target="replay")
+        goal = link(of_moment(moments_s[k]), goal_name(trial, k, report), target="replay")
         rows.append([goal, result, f"{moments_s[k]:.1f}"])
         notes.append(escape(reason_of(score, report)))
     return listing((Column(trial.goal_noun), Column("result"), Column("at s", number=True)), rows, notes)
@@ -107,7 +106,7 @@ def _collisions(trial: Trial) -> list[str]:
         return []
     rows = []
     for touch in map(contact_of, trial.collisions[:MOST]):
-        what = link(addresses.of_moment(touch.time_s), " - ".join(touch.between), target="replay")
+        what = link(of_moment(touch.time_s), " - ".join(touch.between), target="replay")
         rows.append([what, f"{touch.force_n:.1f}", f"{touch.time_s:.1f}"])
     columns = (Column("between"), Column("up to N", number=True), Column("at s", number=True))
     left = len(trial.collisions) - MOST

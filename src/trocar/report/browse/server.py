@@ -18,6 +18,7 @@ from trocar.counting import counted
 from trocar.errors import InvalidInput, NotInstalled, TrocarError
 from trocar.eval.trial import Trial
 from trocar.eval.trials import sessions_met
+from trocar.report import failures
 from trocar.report.browse import addresses
 from trocar.report.browse.all_runs import PROPERTIES, all_runs_page
 from trocar.report.browse.one_run import one_run_page
@@ -85,11 +86,11 @@ class BrowseServer:
             case ["runs", name]:
                 run = named(runs, name)
                 return one_run_page(run, _comparable(run, runs))
-            case ["runs", name, (addresses.REPORT | addresses.REPLAY) as file]:
+            case ["runs", name, (addresses.REPORT | failures.REPLAY) as file]:
                 path = named(runs, name).folder / file
                 if path.is_file():
                     return path
-            case ["runs", name, session, trial, *rest] if rest in ([], [addresses.REPLAY]):
+            case ["runs", name, session, trial, *rest] if rest in ([], [failures.REPLAY]):
                 run = named(runs, name)
                 path = run.trial(_number(session, "session_"), _number(trial, "trial_"))
                 if rest:
