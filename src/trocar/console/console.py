@@ -348,7 +348,7 @@ class Console:
         if self.stopped:
             return replace(now, words="Stopped: arms stay where they are until you press Go on", colour=BAD)
         if self.hands:
-            words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle; release it to stop the arm"
+            words = refused or f"In your hands: {', '.join(self.hands)}. Drag the handle or press keys; let go to stop"
             return replace(now, words=words, colour=WAITS if refused else GOOD)
         if self._lending.arms:
             return replace(now, words="Brings an arm to rest, or its jaws back to where they were", colour=WAITS)
