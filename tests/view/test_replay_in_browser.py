@@ -70,6 +70,29 @@ def test_it_begins_at_the_time_in_its_address_and_goes_where_that_changes(replay
         assert page.errors == []
 
 
+SHADE = "document.documentElement.getAttribute('data-mantine-color-scheme')"
+
+
+def shaded(page, address, shade):
+    """Return what is seen of a scene in a browser that prefers light or dark."""
+    page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": shade}])
+    page.open(address)
+    page.until(f"{SHADE} === {shade!r}")
+    return page.scene(20.0)
+
+
+def test_it_is_light_or_dark_as_the_browser_prefers(replay, tmp_path):
+    path = write_replay(replay, tmp_path / "replay.html")
+    colour = "getComputedStyle(document.querySelector('#trocar h1')).color"
+    with browser(*SIZE) as page:
+        corners = {}
+        for shade, ink in (("dark", "rgb(230, 233, 236)"), ("light", "rgb(34, 38, 43)")):
+            corners[shade] = shaded(page, path.as_uri(), shade)[:20, :20].mean()
+            assert page.evaluate(colour) == ink
+        assert corners["light"] > 220 and corners["dark"] < 110
+        assert page.errors == []
+
+
 def test_three_moments_show_a_scene_each_and_differ(pictures):
     shown = [pictures[share][1] for share in (0.15, 0.45, 0.8)]
     for picture in shown:
@@ -149,5 +172,6 @@ def test_the_live_view_draws_the_same_scene_with_its_panels(replay):
             outside = re.compile(rf"(http|ws)://127\.0\.0\.1:{view.port}|data:|blob:")
             assert [address for address in page.requests if not outside.match(address)] == []
             assert page.errors == []
+            assert shaded(page, f"http://127.0.0.1:{view.port}", "dark")[0, :4].mean() < 110
     finally:
         view.close()

@@ -1,6 +1,7 @@
 """Who may open a page's socket, and how a page is woken from other threads."""
 
 import asyncio
+import urllib.request
 
 import pytest
 
@@ -10,7 +11,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from trocar.view.server import LoopEvent, close_server, open_server
+from trocar.view.server import LOOK, LoopEvent, close_server, open_server
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +40,14 @@ def test_a_website_may_not(server, origin):
     """A browser lets every website open a socket to any port of this machine, and says whose it is."""
     with pytest.raises(InvalidStatus, match="403"):
         opened(server, origin)
+
+
+def test_its_page_is_viser_s_with_our_look_whether_or_not_a_browser_would_take_it_packed(server):
+    for packed in ({}, {"Accept-Encoding": "gzip"}):
+        request = urllib.request.Request(f"http://127.0.0.1:{server.get_port()}/?darkMode", headers=packed)
+        with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(request, timeout=20) as answer:
+            page = answer.read().decode()
+        assert page.endswith(f"</html>\n{LOOK}") and page.count(LOOK) == 1
 
 
 def test_another_thread_wakes_nobody_by_itself():

@@ -53,7 +53,7 @@ def report(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Write summary, pictures, replays and an HTML page from saved trials; nothing is recomputed."""
+    """Write summary, pictures, replay and an HTML page from saved trials; nothing is recomputed."""
     if trial is None and session:
         raise InvalidInput(f"--session {session}", "is given without --trial", "add --trial K")
     if camera is not None and not mp4:

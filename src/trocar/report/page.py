@@ -41,7 +41,7 @@ figure{margin:1em 0}figcaption{font-size:.9em;margin-top:.3em}
 img{max-width:100%;height:auto;background:#fff;border-radius:6px;display:block}
 div.pictures{display:grid;grid-template-columns:repeat(auto-fill,minmax(17em,1fr));gap:1em;margin:1em 0}
 div.pictures figure{margin:0}div.pictures img{width:100%}
-iframe{width:100%;height:36em;border:1px solid var(--line);border-radius:6px;background:#fff}
+iframe{width:100%;height:36em;border:1px solid var(--line);border-radius:6px;background:var(--card)}
 pre{background:var(--card);border-radius:6px;padding:.8em 1em;overflow-x:auto;white-space:pre-wrap;font-size:.88em}
 ul.notes{padding-left:1.2em}ul.notes li{margin:.2em 0}
 body.broad{max-width:90em}.whole{white-space:nowrap}
@@ -60,8 +60,9 @@ button{font:inherit;color:var(--paper);background:var(--mark);border:0;border-ra
 cursor:pointer}
 input[type=checkbox]{width:1.05em;height:1.05em;accent-color:var(--mark);margin:.25em 0 0}
 div.player{position:relative;margin:1em 0}div.player p{position:absolute;inset:0 0 auto;text-align:center;top:40%;
-color:#555;margin:0 1em}div.player iframe{position:relative;height:min(40em,72vh);background:transparent;display:block}
-div.player{background:#eef0f3;border-radius:6px}
+color:var(--quiet);margin:0 1em}
+div.player iframe{position:relative;height:min(40em,72vh);background:transparent;display:block}
+div.player{background:var(--card);border-radius:6px}
 @media(min-width:72em){div.beside{display:grid;grid-template-columns:minmax(0,1fr) 25em;gap:2.2em;align-items:start}
 div.beside h2{margin-top:.5em;border-top:0;padding:0}div.beside section+section h2{margin-top:1.6em}}
 @media(max-width:46em){

@@ -11,7 +11,7 @@ import numpy as np
 from trocar.files.output import write_text
 from trocar.replay import Replay
 from trocar.view.film import FRAME_RATES, Film, shoot
-from trocar.view.server import close_server, open_server
+from trocar.view.server import LOOK, close_server, open_server
 from trocar.view.stage import CONTACT, Bodies, Rgb, Stage, arm_colours, css
 
 if TYPE_CHECKING:
@@ -35,7 +35,10 @@ STYLE = """
 #trocar i.line { width: 22px; height: 0; border-top: 4px solid; }
 #trocar i.dashed { width: 22px; height: 0; border-top: 2px dashed; }
 #trocar i.ball { width: 11px; height: 11px; border-radius: 50%; }
-#trocar p { margin: 0; font-size: 12px; color: #59606a; }
+#trocar p { margin: 0; font-size: 12px; }
+#trocar p, #trocar i { color: #59606a; }
+[data-mantine-color-scheme="dark"] #trocar { background: rgb(26 29 33 / 82%); color: #e6e9ec; }
+[data-mantine-color-scheme="dark"] #trocar :is(p, i) { color: #a3adb8; }
 """
 
 BEGIN = """
@@ -63,7 +66,6 @@ begin();
 """
 """Starts the player at the time in the page's address: viser's player has no such option, so this types the time."""
 
-QUIET: Rgb = (89, 96, 106)
 LARGEST_BYTES = 3_000_000
 MAX_POSES = 40_000  # limit of pose changes in such a page; a longer trial gets fewer frames per second
 END_S = 1.0  # pause before the player starts again after its last frame
@@ -130,15 +132,15 @@ def notice(replay: Replay) -> str:
 
 
 def _with_overlay(page: str, replay: Replay, film: Film) -> str:
-    """Return viser's page with the replay's title and legend over it, and without network access."""
+    """Return viser's page with the replay's title and legend over it, our look, and without network access."""
     arms = [_entry("line", colour, escape(arm)) for arm, colour in arm_colours(replay).items()]
-    kinds = [_entry("dashed", QUIET, "tip, planned"), _entry("line", QUIET, "tip, driven")]
+    kinds = [_entry("dashed", None, "tip, planned"), _entry("line", None, "tip, driven")]
     contact = [_entry("ball", CONTACT, "contact")]
     entries = [*arms, *(kinds if arms else []), *(contact if replay.contacts else [])]
     title = escape(replay.title)
     block = (
         f'<div id="trocar"><h1>{title}</h1><ul>{"".join(entries)}</ul>'
-        f"<p>{notice(replay)} {film.rate_hz:g} frames per second.</p></div><script>{BEGIN}</script>"
+        f"<p>{notice(replay)} {film.rate_hz:g} frames per second.</p></div>{LOOK}<script>{BEGIN}</script>"
     )
     page = page.replace("<title>Viser</title>", f"<title>{title}</title>", 1)
     page = page.replace("<head>", f'<head><meta http-equiv="Content-Security-Policy" content="{POLICY}">', 1)
@@ -146,6 +148,8 @@ def _with_overlay(page: str, replay: Replay, film: Film) -> str:
     return page.replace("</body>", f"{block}</body>", 1)
 
 
-def _entry(kind: str, colour: Rgb, name: str) -> str:
+def _entry(kind: str, colour: Rgb | None, name: str) -> str:
+    """Return an entry of the legend; without a colour, in that of quiet text."""
     where = "background" if kind == "ball" else "border-color"
-    return f'<li><i class="{kind}" style="{where}: {css(colour)}"></i>{name}</li>'
+    style = "" if colour is None else f' style="{where}: {css(colour)}"'
+    return f'<li><i class="{kind}"{style}></i>{name}</li>'

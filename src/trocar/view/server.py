@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rich
 
@@ -37,9 +37,18 @@ def open_server(port: int) -> ViserServer:
     except ImportError:
         raise NotInstalled("3D in the browser", "viser", "view") from None
     _wake_in_the_loop_only()
-    with _quiet(), _own_pages_only():
+    with _quiet(), _as_ours():
         return ViserServer(host=LOCAL, port=port, verbose=False)
 
+
+LOOK = """<style>
+canvas[data-engine] { background: linear-gradient(#eef0f3, #ced3d9); }
+[data-mantine-color-scheme="dark"] canvas[data-engine] { background: linear-gradient(#5a626c, #353b43); }
+</style><script>
+window.__VISER_EMBED_CONFIG__ = { darkMode: matchMedia("(prefers-color-scheme: dark)").matches };
+</script>"""
+"""What is added to each page of viser's: a plain background of the scene, and light or dark as the browser prefers,
+which viser reads from there once the page is loaded."""
 
 PANEL_PX = 460
 PHONE = """<style>@media (max-width: 36em) {
@@ -114,19 +123,36 @@ def _wake_in_the_loop_only() -> None:
 
 
 @contextmanager
-def _own_pages_only() -> Iterator[None]:
-    """Make servers opened in this context refuse web pages of other origins, which could otherwise press buttons.
+def _as_ours() -> Iterator[None]:
+    """Make servers opened in this context refuse web pages of other origins, and add ``LOOK`` to their own page.
 
-    Programs that name no origin are not web pages, and are accepted. viser has no setting for this.
+    Web pages of other origins could otherwise press buttons. Programs that name no origin are not web pages, and are
+    accepted. viser has no setting for either.
     """
     from websockets.asyncio import server  # viser's
 
     serve = server.serve
-    server.serve = partial(serve, origins=[None, OWN])
+
+    def ours(*given: Any, process_request: Any, **how: Any) -> Any:
+        return serve(*given, process_request=partial(_dressed, process_request), origins=[None, OWN], **how)
+
+    server.serve = ours
     try:
         yield
     finally:
         server.serve = serve
+
+
+def _dressed(answer: Any, connection: Any, request: Any) -> Any:
+    """Return viser's answer to a request, a page with ``LOOK`` at its end."""
+    if "Accept-Encoding" in request.headers:
+        del request.headers["Accept-Encoding"]  # nothing can be added to a packed page; inside, it is packed anyway
+    response = answer(connection, request)
+    if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
+        response.body += LOOK.encode()
+        del response.headers["Content-Length"]
+        response.headers["Content-Length"] = str(len(response.body))
+    return response
 
 
 @contextmanager

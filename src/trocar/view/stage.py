@@ -25,8 +25,6 @@ Rgb = tuple[int, int, int]
 ARMS: tuple[Rgb, ...] = ((30, 105, 255), (110, 225, 50), (60, 62, 70))
 """Colours of arms, in order; they also differ in brightness, for colour-blind readers."""
 CONTACT: Rgb = (214, 60, 160)
-SKY: Rgb = (238, 240, 243)
-HORIZON: Rgb = (206, 211, 217)
 
 
 def css(colour: Rgb) -> str:
@@ -319,7 +317,7 @@ def set_up(server: ViserServer, replay: Replay, film: Film, view: CameraView, *,
 
 
 def light(scene: SceneApi, view: CameraView) -> None:
-    """Light a scene like a photo studio: one lamp that casts shadows, and a plain background.
+    """Light a scene like a photo studio: one lamp that casts shadows.
 
     viser's own lamps are made for scenes of metres: their shadows begin centimetres behind the object that casts them.
     """
@@ -338,5 +336,3 @@ def light(scene: SceneApi, view: CameraView) -> None:
         decay=0.0,
         cast_shadow=True,
     )
-    height = np.linspace(0.0, 1.0, 128)[:, None, None]
-    scene.set_background_image(np.tile((1 - height) * SKY + height * HORIZON, (1, 4, 1)).astype(np.uint8), "png")
