@@ -363,14 +363,14 @@ def card(tip: Tip, found: ArmFacts) -> str:
     facts = {"tip": f"{1e3 * tip.off_m:.1f} mm from where its encoders say it is", **found.facts}
     name = f"{line(tip.colour, 4)}<b>{escape(tip.arm)}</b>"
     head = f'<div style="margin-bottom:2px">{name} &ensp;{badge}&ensp; {escape(found.more)}</div>'
-    style = "border:1px solid #d9dce0;border-radius:6px;padding:6px 10px;margin-top:8px"
+    style = "border:1px solid #9aa1a9;border-radius:6px;padding:6px 10px;margin-top:8px"
     return f'<div style="{style}">{head}{table(facts)}</div>'
 
 
 def table(facts: Mapping[str, str], width_px: int = 110) -> str:
     """Return texts beside headings of this width, as HTML."""
     return "".join(
-        f'<div style="display:flex"><span style="flex:0 0 {width_px}px;color:#6b7078">{escape(name)}</span>'
+        f'<div style="display:flex"><span style="flex:0 0 {width_px}px;opacity:.7">{escape(name)}</span>'
         f"<span>{escape(text)}</span></div>"
         for name, text in facts.items()
     )
@@ -384,11 +384,11 @@ def line(colour: Rgb, width_px: int) -> str:
     )
 
 
-INK: Rgb = (89, 96, 106)
+INK: Rgb = (122, 130, 140)
 
 
 def legend(replay: Replay) -> str:
     """Return the legend of the scene's lines; without true joints, there is no line of the true tip."""
     true = f"{line(INK, 4)}tip, true &ensp;" if any("true" in kinds for kinds in replay.joints.values()) else ""
     others = f"{line(INK, 1)}tip, by its encoders &ensp;{line(CONTACT, 8)}contact"
-    return f'<div style="font-size:12px;color:{css(INK)}">{true}{others}</div>'
+    return f'<div style="font-size:12px;opacity:.8">{true}{others}</div>'
