@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 pytest.importorskip("viser")
+from bench_emergency import rest_and_brake_s
 from bench_mouse import PROJECT
 from browser import NAMES, browser, find_chromium
 from live_scene import until
 
-from braking import rest_and_brake_s
 from trocar.console import Watch
 from trocar.eval.config import RunConfig
 from trocar.eval.prepare import prepare
