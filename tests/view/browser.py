@@ -29,7 +29,7 @@ import tempfile
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +92,9 @@ class Page:
         """Wait until an expression is true and return it."""
         end = time.monotonic() + wait_s
         while time.monotonic() < end:
-            value = self.evaluate(true)
+            value = None
+            with suppress(RuntimeError):  # the page is just being left for another one
+                value = self.evaluate(true)
             if value:
                 return value
             time.sleep(0.2)
