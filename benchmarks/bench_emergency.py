@@ -91,7 +91,9 @@ def main(words: Iterable[str] | None = None) -> None:
             assert trial.ended == "FAULT"
             found.append((rest_s, brake_s, max(max(use) for use in trial.command_limit_use.values())))
     rest_s, brake_s, use = np.array(found).T
-    print(f"{len(found)} emergency stops while two arms work: at rest after at most {rest_s.max():.2f} s")
+    moving = int((rest_s > 0).sum())
+    print(f"{len(found)} emergency stops while two arms work, {moving} of them while something moves")
+    print(f"at rest after at most {rest_s.max():.2f} s")
     more_s = (rest_s - brake_s).max()
     print(f"braking at the limits takes at most {brake_s.max():.2f} s; it took at most {more_s:.3f} s longer")
     print(f"largest share of a limit in a trial: {use.max():.6f}")
