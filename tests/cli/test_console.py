@@ -2,6 +2,7 @@
 
 import pytest
 
+import trocar.cli.console as trocar_console
 from trocar import console
 from trocar.console import Watch
 from trocar.console.lobby import Lobby
@@ -20,6 +21,7 @@ SHORT = ("peg-transfer", "--transfers", "1", "--seed", "3")
         (("--method", "policy"), "trocar run"),
         (("--method", "person", "--calibration", "joints"), "drop --calibration"),
         (("--robot", "crtk:peg-transfer", "--method", "uncalibrated"), "add --enable-motion"),
+        (("--robot", "crtk:peg-transfer", "--method", "uncalibrated", "--speed", "2"), "simulated cell"),
     ],
 )
 def test_what_cannot_be_is_refused_before_a_page_opens(trocar, tmp_path, words, said):
@@ -58,3 +60,18 @@ def test_trials_come_one_after_the_other_and_are_reported_at_the_end(trocar, tmp
     assert first == "Trial 1 with person-calibrated: 0 of 1 transfers"
     assert other.startswith("No trial with person: --calibration joints")
     assert second == "Trial 2 with person-calibrated: 0 of 1 transfers"
+    report = tmp_path / "day" / "person-calibrated" / "report.html"
+    written = report.stat().st_mtime_ns
+    code, out, err = trocar("console", *SHORT[:-1], "4", *how)
+    assert code == 2 and "choose another" in " ".join((out + err).split())
+    assert report.stat().st_mtime_ns == written, "a run that is another one is left alone"
+
+
+def test_somebody_at_a_terminal_is_asked_before_real_arms_move(trocar, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(trocar_console, "agreed", lambda *_, **__: True)
+    monkeypatch.setattr(trocar_console.typer, "confirm", lambda words, **_: asked.append(words))
+    monkeypatch.setattr(trocar_console, "_one_more", lambda *_: pytest.fail("arms move"))
+    how = ("--robot", "crtk:peg-transfer", "--method", "uncalibrated", "--enable-motion", "--out", tmp_path / "day")
+    code, _, _ = trocar("console", *SHORT[:-2], *how)
+    assert code == 1 and len(asked) == 1 and "may the arms move?" in asked[0]

@@ -85,6 +85,12 @@ def test_a_key_that_is_held_keeps_the_tip_going_until_it_is_let_go(step_m, every
         assert moved_m[0] > 15 * MM, "it keeps going"
 
 
+@pytest.mark.parametrize("by_m", [*(MM * np.eye(3)), *(-MM * np.eye(3))])
+def test_of_two_presses_at_once_one_counts(by_m):
+    lent = Lent()
+    np.testing.assert_allclose(lent.play(key(0.1, *by_m), key(0.1, *by_m)), by_m, atol=1e-9)
+
+
 def test_a_step_is_ignored_while_the_handle_is_dragged():
     lent = Lent()
     drag = [(at_s, Held(np.array([0.0, y, 0.0]), STILL), "") for at_s, y in ((0.1, 0.0), (0.2, 2 * MM))]

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 from typer import Option
 
 from trocar.cli.options import EnableMotion, OpenBrowser, Plugins, Yes, need
 from trocar.cli.out_folder import default_folder
 from trocar.cli.progress import progress
 from trocar.cli.report import finish
-from trocar.cli.robot import about_motion, agreed, play_on_robot
+from trocar.cli.robot import about_motion, agreed, play_on_robot, refuse_motion_flags
 from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside
 from trocar.errors import InvalidInput, InvalidValue, TrocarError, UnknownName
@@ -63,27 +64,32 @@ def console(
 
     first = config_of(run["method"])
     if is_policy(first.chosen_method):
-        raise InvalidInput(f"--method {first.method}", "streams its steps to nobody's yes", "give it to `trocar run`")
+        problem = "is a learned policy, whose steps a person cannot confirm"
+        raise InvalidInput(f"--method {first.method}", problem, "run it with `trocar run`")
+    if first.model == "lstm":
+        need("learn")
+    refuse_speed(first, speed)
     folder = out or default_folder(f"console-{task.name}-{first.seed}", first.unusual)
     if first.robot:
         what = f"{task.name}, any method that is chosen on the page"
         about = about_motion(what, first.robot, first.laboratory, first.arms)
-        agreed(first.robot, about, enable_motion=enable_motion, yes=yes)
-    elif enable_motion or yes:
-        flag = "--enable-motion" if enable_motion else "--yes"
-        raise InvalidInput(flag, "is for real arms, and no --robot is named", "drop it, or name a robot")
+        asks = agreed(first.robot, about, enable_motion=enable_motion, yes=yes)
+        if asks and not typer.confirm("is the table ready, and may the arms move?", err=True):
+            raise typer.Exit(1)
+    else:
+        refuse_motion_flags(enable_motion=enable_motion, yes=yes)
     methods = [name for name in (*methods_of(task), *methods_of_any()) if not is_policy(pick_method(task, name))]
     used: dict[str, None] = {}
     try:
         with opened_console(confirm, speed, devices, opens=open_browser) as watch:
             method, words = first.method, ""
             while True:
-                used[method] = None
                 into = folder / method
                 try:
                     words = _one_more(config_of(method, 1 + len(trial_files(into))), into, watch)
+                    used[method] = None
                 except TrocarError as error:
-                    if not words:  # no page is open yet
+                    if not (words or watch.address):  # no page is open yet
                         raise
                     words = f"No trial with {method}: {error}"
                 method = watch.next_method(words, [method, *(name for name in methods if name != method)])
@@ -91,8 +97,7 @@ def console(
         beside().print("ended; the same command continues")
     finally:
         for method in used:
-            if trial_files(folder / method):
-                finish(folder / method, as_json=False, interrupted=False)
+            finish(folder / method, as_json=False, interrupted=False)
 
 
 def _one_more(config: RunConfig, folder: Path, watch: Watch) -> str:
@@ -116,12 +121,19 @@ def _one_more(config: RunConfig, folder: Path, watch: Watch) -> str:
                 tick(work, done, total, now)
 
             wrong = [*play_run(config, folder, [place], tick=shown, attendant=watch)]
-        if wrong:
+        path = trial_file(folder, *place)
+        if not path.is_file():
             return wrong[0]
-        trial = Trial.load(trial_file(folder, *place))
+        trial = Trial.load(path)
     done = sum(bool(score["succeeded"]) for score in trial.scores)
-    stopped = "" if trial.ended == "done" else f", {trial.ended}: {trial.reason}"
+    stopped = "" if trial.finished else f", {trial.ended}: {trial.reason}"
     return f"Trial {place[1] + 1} with {config.method}: {done} of {len(trial.scores)} {trial.goal_noun}s{stopped}"
+
+
+def refuse_speed(config: RunConfig, speed: float) -> None:
+    """Raise if a speed is asked of real arms' clock."""
+    if config.robot and speed != 1.0:
+        raise InvalidInput(f"--speed {speed:g}", "is for the clock of a simulated cell", "drop it, or --robot")
 
 
 @contextmanager

@@ -92,6 +92,13 @@ def _lasting_faults(events: Iterable[Mapping[str, object]]) -> list[str]:
     return [str(event["reason"]) for event in events if event["name"] == "fault" and event["fault"] not in passing]
 
 
+def refuse_motion_flags(*, enable_motion: bool, yes: bool) -> None:
+    """Raise if a flag for real arms is given where no robot is named."""
+    if enable_motion or yes:
+        flag = "--enable-motion" if enable_motion else "--yes"
+        raise InvalidInput(flag, "is for real arms, and no --robot is named", "drop it, or name a robot")
+
+
 def agreed(robot: str, about: Iterable[str], *, enable_motion: bool, yes: bool, as_json: bool = False) -> bool:
     """Tell a person what will move; return whether to ask before it does.
 

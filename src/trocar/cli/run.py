@@ -11,12 +11,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from trocar.cli.console import ABOUT_CONFIRM, ABOUT_DEVICES, ABOUT_SPEED, NOTHING, is_policy, opened_console
+from trocar.cli.console import (
+    ABOUT_CONFIRM,
+    ABOUT_DEVICES,
+    ABOUT_SPEED,
+    NOTHING,
+    is_policy,
+    opened_console,
+    refuse_speed,
+)
 from trocar.cli.group import Known, Result
 from trocar.cli.options import EnableMotion, JsonFlag, Plugins, Seed, Yes, need
 from trocar.cli.out_folder import default_folder, differing
 from trocar.cli.progress import progress
 from trocar.cli.report import finish
+from trocar.cli.robot import refuse_motion_flags, run_robot
 from trocar.cli.task_group import OF_RUN, TaskGroup
 from trocar.cli.terminal import beside, rich_table
 from trocar.counting import counted
@@ -88,17 +97,13 @@ def run(
     _require_console(config, watch, confirm, speed, devices, jobs)
     console = opened_console(confirm, speed, devices) if watch else nullcontext()
     if config.robot:
-        from trocar.cli.robot import run_robot
-
         if jobs != 1:
             raise InvalidInput(f"--jobs {jobs}", "is more than one robot can do at once", "drop --jobs")
         with console as attendant:
             how = {"attendant": attendant, "strict": strict, "as_json": as_json}
             run_robot(config, out, enable_motion=enable_motion, yes=yes, **how)
         return
-    if enable_motion or yes:
-        flag = "--enable-motion" if enable_motion else "--yes"
-        raise InvalidInput(flag, "is for real arms, and no --robot is named", "drop it, or name a robot")
+    refuse_motion_flags(enable_motion=enable_motion, yes=yes)
     if config.model == "lstm":
         need("learn")
     folder = out or default_folder(f"{task.name}-{config.method}-{config.seed}", config.unusual)
@@ -130,8 +135,8 @@ def _require_console(
     config: RunConfig, watch: bool, confirm: str, speed: float, devices: int | None, jobs: int
 ) -> None:
     """Raise if options need a console that is not open, or do not fit the console of this run."""
-    if watch and config.robot and speed != 1.0:
-        raise InvalidInput(f"--speed {speed:g}", "is for the clock of a simulated cell", "drop it, or --robot")
+    if watch:
+        refuse_speed(config, speed)
     if watch and jobs != 1:
         raise InvalidInput(f"--jobs {jobs}", "is more trials than one person can watch", "drop --jobs")
     if watch and confirm != NOTHING and is_policy(config.chosen_method):

@@ -134,7 +134,7 @@ class Console:
                 lambda: Question.about(self._own_cell, motions, begun=begun) if self._needs_yes else None
             )
             if question is not None and question.refused:
-                raise Vetoed(", ".join(motions))
+                raise Vetoed(*motions)
             if not any(self.forbids(arm) for arm in motions):
                 return
 
@@ -232,6 +232,8 @@ class Console:
     def _take_in(self, said: Said) -> None:  # noqa: PLR0912  a wish each
         hand, told = self.hands.get(said.arm), {"arm": said.arm} if said.arm else {}
         match said.wish:
+            case Wish.NO if self._question is not None and not self._question.may_refuse:
+                return
             case Wish.YES | Wish.NO | Wish.ANOTHER if self.asks and said.value in (None, self._asked):
                 told["words"] = self._take_answer(said.wish)
             case Wish.STOP:
@@ -287,8 +289,8 @@ class Console:
             self._goal_begins = False
             self._answer(question)
         elif answer is Wish.NO:
-            question.refused = question.may_refuse
-            self._answer(question if question.refused else None)
+            question.refused = True
+            self._answer(question)
         elif len(question.choices) > 1:
             question.turn_over()
             self._asked += 1

@@ -119,7 +119,7 @@ class Hand:
             self._came_m = np.zeros(3)
         assert self._input is not None and self._began is not None  # it is held
         before = self._input[0]
-        if self._to_go_m(before) <= AHEAD_M:
+        if self._to_go_m(before) < AHEAD_M - ARRIVED_M:
             self.hold(before._replace(position_m=before.position_m + step.by_m), at_s, source)
             self._ends_s = self._cell.clock.now_s() + STEP_S
 

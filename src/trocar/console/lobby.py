@@ -21,7 +21,6 @@ class Lobby:
         level: what a script needs confirmation for.
         speed: of the next trial's clock.
         paced: whether that clock is a simulator's.
-        latencies_s: of the trials before.
         stopped: whether the arms of the next trial are stopped until the person lets them go on.
         paused: whether its clock is paused.
         chosen: the method with which the next trial begins; empty: not yet.
@@ -32,7 +31,6 @@ class Lobby:
     level: Level
     speed: float
     paced: bool
-    latencies_s: list[float]
     stopped: bool = False
     paused: bool = False
     chosen: str = ""
@@ -57,8 +55,6 @@ class Lobby:
                 self.speed = said.value
             case Wish.PAUSE if self.paced:
                 self.paused = said.value
-            case _:
-                return
 
     @property
     def standing(self) -> Standing:
@@ -68,6 +64,8 @@ class Lobby:
             words, methods = f"Sets up a trial with {self.chosen}", ()
         if self.stopped:
             words += " (the arms are stopped until you press Go on)"
+        if self.paused:
+            words += " (its clock is paused)"
         return Standing(
             words,
             colour=BAD if self.stopped else WAITS,

@@ -110,7 +110,7 @@ class Watch:
         """
         if self.ended:
             raise EmergencyStop(f"{self.ended}: the run ends here; the same command continues")
-        self._left_over = [one for one in self._hear() if one.wish in OF_ANY_TRIAL]
+        self._keep_wishes()
         self._sight, self._trials = sight_of(laboratory), self._trials + 1
         self._flaws = {} if config.robot else config.about()["flaws"]
         difficulty = () if config.robot else (f"flaws: {', '.join(config.how_difficult)}",)
@@ -153,9 +153,10 @@ class Watch:
         Raises:
             MachineError: the page's process has ended.
         """
-        last, self._left_over = self.console, []
-        how = {"stopped": last.stopped, "paused": last.paused}
-        self.console = lobby = Lobby(words, methods, last.level, last.speed, self._simulated, self.latencies_s, **how)
+        self._keep_wishes()
+        last, paced = self.console, self._simulated
+        lobby = Lobby(words, methods, last.level, last.speed, paced=paced, stopped=last.stopped, paused=last.paused)
+        self.console = lobby
         while not lobby.chosen:
             for said in self._hear():
                 lobby.take_in(said)
@@ -185,12 +186,17 @@ class Watch:
 
     def heard(self, event: Mapping[str, object]) -> None:
         """Note an event of the log."""
-        self._trial.note(event)
+        if isinstance(self.console, Console):  # an arm may report a fault while the next trial is set up
+            self.console.note(event)
 
     @property
     def asks(self) -> bool:
         """Return whether a motion waits for confirmation."""
         return self.console.asks
+
+    def _keep_wishes(self) -> None:
+        """Keep of the wishes so far those that hold beyond the trial, or the set-up, in which they were made."""
+        self._left_over = [one for one in self._hear() if one.wish in OF_ANY_TRIAL]
 
     def _hear(self) -> list[Said]:
         heard, self._left_over = [*self._left_over, *(self._page.said() if self._page else [])], []

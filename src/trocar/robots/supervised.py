@@ -33,10 +33,11 @@ class StoppedByPerson(ArmStopped):
 
 
 class Vetoed(Blocked):
-    """A person said no to the motion of an ``arm``; it has not moved, and its script may try something else."""
+    """A person said no to the motion of these arms; none has moved, and their script may try something else."""
 
-    def __init__(self, arm: str):
-        MotionRefused.__init__(self, f"a person said no to the motion of arm {arm!r}", arm=arm)
+    def __init__(self, *arms: str):
+        super().__init__(arms[0] if len(arms) == 1 else "")
+        self.args = (f"a person said no to the motion of {', '.join(arms)}",)
 
 
 class Supervisor(Protocol):
